@@ -1,0 +1,81 @@
+"""Checkpoints: the state of a simulation in an NPZ file, uncompressed and without pickles.
+
+A file appears whole or not at all: it is written beside its place, flushed to the disk, then
+renamed. ZIP keeps a CRC-32 of each array, so that a file torn by a power cut or a full disk is
+known and passed over for the one before it; the last two are kept.
+"""
+
+import os
+import re
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.errors import OutputError
+
+KEPT = 2
+_NAME = re.compile(r"frame_(\d+)\.npz")
+
+
+def save(folder: Path, index: int, state: Mapping[str, NDArray[np.generic]]) -> Path:
+    """Write the state after frame `index`, then drop all but the last two. OutputError: disk full, ..."""
+    path = folder / f"frame_{index:04d}.npz"
+    beside = folder / f".{path.name}.tmp"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with beside.open("wb") as file:
+            _write(file, state)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise OutputError(f"cannot write checkpoint {path}: {error.strerror or error}") from error
+    for _, old in _by_index(folder)[:-KEPT]:
+        old.unlink(missing_ok=True)
+    return path
+
+
+def newest(folder: Path) -> tuple[int, dict[str, NDArray[np.generic]]] | None:
+    """The frame and state of the newest whole checkpoint; None where there is none."""
+    for index, path in reversed(_by_index(folder)):
+        state = _read(path)
+        if state is not None:
+            return index, state
+    return None
+
+
+def drop_oldest(folder: Path) -> None:
+    """Free the room of the older of two checkpoints."""
+    for _, old in _by_index(folder)[:-1]:
+        old.unlink(missing_ok=True)
+
+
+def _write(file, state: Mapping[str, NDArray[np.generic]]) -> None:  # type: ignore[no-untyped-def]
+    # Not np.savez: it takes names as keyword arguments, of which it keeps some for itself.
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, value in state.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asarray(value), allow_pickle=False)
+
+
+def _read(path: Path) -> dict[str, NDArray[np.generic]] | None:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if archive.testzip() is not None:
+                return None
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, zipfile.BadZipFile, zlib.error, EOFError):
+        return None
+
+
+def _by_index(folder: Path) -> list[tuple[int, Path]]:
+    if not folder.is_dir():
+        return []
+    found = [(_NAME.fullmatch(path.name), path) for path in folder.iterdir()]
+    return sorted((int(match[1]), path) for match, path in found if match)

@@ -1,0 +1,197 @@
+"""Which files a frame becomes: the VTU record with its indexes, and the other formats beside it."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import overload
+
+from tianim.errors import FormatError
+from tianim.export.files import FolderLock, make_folder, release_files
+from tianim.export.formats import Format, RunInfo, Stamp, format_named
+from tianim.export.options import OutputOptions
+from tianim.export.parts import cell_data_of, check_frame
+from tianim.export.record import RunFrames
+from tianim.export.series import Series, drop_from, frame_name
+from tianim.export.vtu import write_part
+from tianim.frame import Array, Frame, Part, Points
+
+RECORD = "vtu"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to write where; plain values, so that it can travel to the writer process.
+
+    `formats` are names besides the record; `resume_from` is the index of the first frame that
+    will be written: those from it on are removed, those before it stay.
+    """
+
+    folder: Path
+    formats: tuple[str, ...]
+    options: OutputOptions
+    fps: float
+    resume_from: int = 0
+    record: bool = True
+
+    @property
+    def tables(self) -> list[Format]:
+        """The formats besides the record."""
+        return [format_named(name) for name in self.formats]
+
+    @property
+    def run(self) -> RunInfo:
+        """What the files of a whole run say of themselves."""
+        return RunInfo(self.fps, self.options.axes, self.options.first_number)
+
+    def select(self, frame: Frame) -> Frame:
+        """The frame with the data arrays that the options ask for; FormatError where it cannot be written."""
+        check_frame(frame)
+        frame = _with_fields(frame, self.options.fields)
+        for part in self.chosen(frame):
+            for format_ in self.tables:
+                format_.refuse_others(part)
+        return frame
+
+    def chosen(self, frame: Frame) -> tuple[Part, ...]:
+        """The parts that go to the formats besides the record."""
+        wanted = self.options.parts
+        return frame.parts if wanted == "all" else tuple(part for part in frame.parts if part.name in wanted)
+
+
+def plan_output(
+    folder: Path, formats: Iterable[str], options: OutputOptions, fps: float, resume_from: int = 0
+) -> Plan:
+    """A checked plan of a run's output: the formats are known and installed, the folder can be written.
+
+    Raises FormatError, MissingPartError or OutputError before anything is simulated.
+    """
+    names = dict.fromkeys(format_named(name).name for name in formats)
+    names.pop(RECORD, None)
+    for name in names:
+        format_named(name).load()
+    make_folder(folder)
+    return Plan(folder, tuple(names), options, fps, resume_from)
+
+
+class Exporters:
+    """Writes frames here and now, in this process. `plan.select` must have passed each frame."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._writers = [(one, one.load()) for one in plan.tables if not one.whole_run]
+        self._series: dict[str, Series] = {}
+        self._lock = FolderLock(plan.folder) if plan.record else None
+        if plan.record:
+            suffixes = {".vtu", *(suffix for one, _ in self._writers for suffix in one.suffixes)}
+            self._series = drop_from(plan.folder, plan.resume_from + plan.options.first_number, suffixes)
+
+    def write(self, frame: Frame) -> None:
+        """Write one frame in every format that has a file a frame; the record first, its indexes last."""
+        plan = self.plan
+        stamp = Stamp(frame.index, frame.time, plan.options.axes)
+        number = frame.index + plan.options.first_number
+        chosen = {part.name for part in plan.chosen(frame)}
+        for part in frame.parts:
+            converted = stamp.axes.apply(part)
+            if plan.record:
+                write_part(plan.folder / frame_name(part.name, number, ".vtu"), converted, stamp)
+            if part.name in chosen:
+                for format_, module in self._writers:
+                    module.write_part(plan.folder / frame_name(part.name, number, format_.suffix), converted, stamp)
+        if plan.record:
+            for part in frame.parts:
+                series = self._series.setdefault(part.name, Series(plan.folder, part.name))
+                series.add(number, frame.time)
+
+    def finish(self) -> None:
+        """Write the files of the whole run, from the record."""
+        if any(one.whole_run for one in self.plan.tables) and self._series:
+            self.assemble(RunFrames(self.plan.folder))
+
+    def release(self) -> None:
+        """Let go of the folder: another writer may take it."""
+        release_files()
+        if self._lock is not None:
+            self._lock.close()
+
+    def assemble(self, frames: Sequence[Frame]) -> None:
+        """Write the files of the whole run from `frames` in internal axes."""
+        converted = _Converted(frames, self.plan)
+        for one in self.plan.tables:
+            if one.whole_run:
+                one.load().assemble(self.plan.folder, converted, self.plan.run)
+
+
+class _Converted(Sequence[Frame]):
+    """Frames of the record as the files of a whole run have them: parts chosen, axes applied."""
+
+    def __init__(self, frames: Sequence[Frame], plan: Plan) -> None:
+        self._frames, self._plan = frames, plan
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @overload
+    def __getitem__(self, position: int) -> Frame: ...
+    @overload
+    def __getitem__(self, position: slice) -> list[Frame]: ...
+    def __getitem__(self, position: int | slice) -> Frame | list[Frame]:
+        if isinstance(position, slice):
+            return [self[one] for one in range(*position.indices(len(self)))]
+        frame = self._plan.select(self._frames[position])
+        axes = self._plan.options.axes
+        return replace(frame, parts=tuple(axes.apply(part) for part in self._plan.chosen(frame)))
+
+
+def _with_fields(frame: Frame, wanted: tuple[str, ...] | str) -> Frame:
+    """The frame with only the data arrays called so; FormatError where no part has one of them."""
+    if wanted == "all":
+        return frame
+    there = {name for part in frame.parts for name in (*part.data, *cell_data_of(part))}
+    missing = [name for name in wanted if name not in there]
+    if missing and any(len(part.position) for part in frame.parts):
+        raise FormatError(f"output.fields: no part has {missing[0]!r}; there are {', '.join(sorted(there)) or 'none'}")
+
+    def keep(data: Mapping[str, Array]) -> dict[str, Array]:
+        return {name: values for name, values in data.items() if name in wanted}
+
+    return replace(
+        frame,
+        parts=tuple(
+            replace(part, data=keep(part.data))
+            if isinstance(part, Points)
+            else replace(part, data=keep(part.data), cell_data=keep(part.cell_data))
+            for part in frame.parts
+        ),
+    )
+
+
+def export_run(
+    run_folder: Path,
+    formats: Sequence[str],
+    options: OutputOptions | None = None,
+    folder: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write a finished run's frames in other formats, without simulating; gives the folder they are in.
+
+    `folder` defaults to the run's frames, beside its record. `progress(done, total)` is called
+    after each frame. Raises OutputError where there is no record, FormatError where a format
+    is not known or cannot hold a part.
+    """
+    frames = RunFrames(run_folder)
+    target = folder or frames.folder
+    options = options or OutputOptions()
+    wants_record = RECORD in (format_named(name).name for name in formats)
+    if wants_record and target.resolve() == frames.folder.resolve():
+        raise FormatError("the run's own record is vtu already; name another folder to write a converted copy")
+    plan = replace(plan_output(target, formats, options, frames.fps), record=wants_record)
+    exporters = Exporters(plan)
+    needs_frames = wants_record or any(not one.whole_run for one in plan.tables)
+    for position in range(len(frames) if needs_frames else 0):
+        exporters.write(plan.select(frames[position]))
+        if progress:
+            progress(position + 1, len(frames))
+    exporters.assemble(frames)
+    release_files()
+    return target

@@ -1,0 +1,177 @@
+"""The formats that meshio writes: VTK legacy, PLY, OBJ, STL, OFF, XDMF, Gmsh and MED.
+
+This is the only module that imports meshio, so that a maintained fork (meshlane has the same
+calls) can replace it in one line. What meshio would drop with a warning, or write wrongly, is
+converted here, in a way that the table of formats states, or refused:
+
+- PLY has no vectors: `velocity` becomes vx, vy, vz, `color` red, green, blue, others name_x ...;
+  integers of 64 bits become int32 where they fit and double where not; no data per cell.
+- OBJ, STL and OFF keep the geometry; STL only the triangles' corners.
+- VTK legacy is written in version 4.2, which holds an empty part too.
+- Gmsh holds all data as double, and no points without cells.
+- XDMF, Gmsh: an empty part is a small file of our own, as readers crash on meshio's.
+"""
+
+import contextlib
+import io
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+
+from tianim.errors import FormatError
+from tianim.export.files import whole_folder
+from tianim.export.formats import Stamp
+from tianim.export.parts import cell_data_of, cells_of, kind_of
+from tianim.frame import Array, Part
+
+# Suffix to what `meshio.write` is told.
+WRITERS: dict[str, dict[str, Any]] = {
+    ".vtk": {"file_format": "vtk42"},
+    ".ply": {"file_format": "ply"},
+    ".obj": {"file_format": "obj"},
+    ".stl": {"file_format": "stl", "binary": True},
+    ".off": {"file_format": "off"},
+    ".xdmf": {"file_format": "xdmf", "compression": None},
+    ".msh": {"file_format": "gmsh"},
+    ".med": {"file_format": "med"},
+}
+CELL_NAMES = {"points": "vertex", "lines": "line", "triangles": "triangle"}
+GEOMETRY_ONLY = {".obj", ".stl", ".off"}
+# Names that programs look for in a PLY; other vectors become name_x, name_y, name_z.
+PLY_COMPONENTS = {
+    "velocity": ("vx", "vy", "vz"),
+    "normal": ("nx", "ny", "nz"),
+    "color": ("red", "green", "blue", "alpha"),
+}
+EMPTY_FILES = {
+    # Gmsh reads this; a reader of meshio's own empty file fails.
+    ".msh": "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n0 0 0 0\n$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n",
+    # A point that no cell uses: VTK's reader crashes where there is none.
+    ".xdmf": '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">'
+    '<DataItem DataType="Float" Dimensions="1 3" Format="XML" Precision="4">0 0 0</DataItem></Geometry>'
+    '<Topology TopologyType="Polyvertex" NumberOfElements="0" NodesPerElement="1">'
+    '<DataItem DataType="Int" Dimensions="1 1" Format="XML" Precision="4">0</DataItem></Topology></Grid></Domain></Xdmf>\n',
+}
+# The date that meshio puts into the first lines of PLY and OBJ.
+DATE = re.compile(rb"Created by meshio v[^,\n]*, ([0-9T:.-]+)")
+
+
+def write_part(path: Path, part: Part, stamp: Stamp) -> None:
+    """Write one part of one frame; FormatError where the format cannot hold it."""
+    suffix = path.suffix
+    with whole_folder(path) as folder:
+        file = folder / path.name
+        if suffix in EMPTY_FILES and len(part.position) == 0:
+            file.write_text(EMPTY_FILES[suffix], encoding="utf-8")
+            return
+        _write(file, _mesh(part, suffix))
+        if suffix in (".ply", ".obj"):
+            _blank_date(file)
+
+
+def read(path: Path) -> meshio.Mesh:
+    """What meshio reads in `path`; FormatError where it fails (by itself it would end the program)."""
+    try:
+        with _quiet():
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:
+        raise FormatError(f"{path}: meshio cannot read it ({error or type(error).__name__})") from error
+
+
+def _write(file: Path, mesh: meshio.Mesh) -> None:
+    try:
+        with _quiet():
+            mesh.write(file, **WRITERS[file.suffix])
+    except OSError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise FormatError(f"{file.name}: meshio cannot write it ({error or type(error).__name__})") from error
+
+
+@contextlib.contextmanager
+def _quiet() -> Any:
+    """Without meshio's lines on the terminal: what they warn of is handled or stated here."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+
+
+def _mesh(part: Part, suffix: str) -> meshio.Mesh:
+    kind, cells = kind_of(part), cells_of(part)
+    if cells is None:
+        cells = np.arange(len(part.position), dtype=np.int32).reshape(-1, 1)
+    if len(cells) == 0 and len(part.position) and suffix in (".msh", ".xdmf"):
+        raise FormatError(f"format {suffix[1:]!r}: part {part.name!r} has points but no {kind}, which it cannot hold")
+    blocks = [(CELL_NAMES[kind], cells.astype(np.int32, copy=False))] if len(cells) else []
+    data = dict(part.data)
+    cell_data = {name: [_plain(values)] for name, values in cell_data_of(part).items()} if blocks else {}
+    if suffix == ".ply":
+        data, cell_data = _split(part), {}
+        # meshio would write the vertex cells as faces of one corner, on which Blender crashes.
+        blocks = blocks if kind == "triangles" else []
+    if suffix in GEOMETRY_ONLY:
+        data, cell_data = {}, {}
+    if suffix == ".stl" and blocks:
+        cell_data = {"facet_normals": [_normals(part.position, cells)]}
+    if suffix == ".med" and len(part.position) == 0:
+        data = {}
+    return meshio.Mesh(
+        part.position,
+        blocks,
+        point_data={name: _plain(values) for name, values in data.items()},
+        cell_data=cell_data,
+    )
+
+
+def _plain(values: Array) -> Array:
+    """As meshio takes it: native byte order, no bool and no half, which it does not know."""
+    if values.dtype.kind == "b":
+        return values.astype(np.uint8)
+    return values.astype(np.float32 if values.dtype == np.float16 else values.dtype.newbyteorder("="), copy=False)
+
+
+def _split(part: Part) -> dict[str, Array]:
+    """PLY's scalars: vectors by component, 64-bit integers as int32 or double."""
+    columns: dict[str, Array] = {}
+    for name, values in part.data.items():
+        if values.dtype.kind in "iu" and values.dtype.itemsize == 8:
+            fits = values.size == 0 or (values.min() >= -(2**31) and values.max() < 2**31)
+            values = values.astype(np.int32 if fits else np.float64)
+        if values.ndim == 1:
+            columns[name] = values
+        else:
+            names = component_names(name, values.shape[1])
+            columns.update({one: np.ascontiguousarray(values[:, i]) for i, one in enumerate(names)})
+    return columns
+
+
+def component_names(name: str, count: int) -> tuple[str, ...]:
+    """Names in a PLY of the components of a vector of `count` numbers."""
+    usual = PLY_COMPONENTS.get(name, ())
+    if len(usual) >= count > 1:
+        return usual[:count]
+    letters = "xyzw" if count <= 4 else range(count)
+    return tuple(f"{name}_{letter}" for letter, _ in zip(letters, range(count), strict=False))
+
+
+def _normals(position: Array, triangles: Array) -> Array:
+    """Unit normals, shape (m, 3); zero where a triangle has no area (meshio would write NaN)."""
+    a, b, c = (position[triangles[:, corner]].astype(np.float64) for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0).astype(np.float32)
+
+
+def _blank_date(file: Path) -> None:
+    """Blank out the date in the header: the same frame shall give the same bytes."""
+    with file.open("r+b") as opened:
+        found = DATE.search(opened.read(200))
+        if found:
+            opened.seek(found.start(1))
+            opened.write(b" " * len(found[1]))

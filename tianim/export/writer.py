@@ -1,0 +1,242 @@
+"""Writing that does not hold the simulation up: a process of its own, fed through shared memory.
+
+A thread would not do: kernel launches hold Python's interpreter lock. Large frames are copied
+into one of two shared buffers and written by a spawned process while the simulation goes on;
+when both are full the simulation waits, so memory stays bounded. Small frames are written at
+once where they are: a process takes 0.3 s to start and its copies cost more than the writing.
+
+The process is started afresh (no fork, no import of the user's script), never loads the
+compiler, ignores Ctrl-C, and ends when this one does: its end of the link closes then.
+An error comes back as OutputError at the next `write`, `wait` or at the end.
+"""
+
+import mmap
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle, send_handle
+from pathlib import Path
+
+from tianim import errors
+from tianim.errors import OutputError, TianimError
+from tianim.export.exporters import Exporters, Plan, plan_output
+from tianim.export.options import OutputOptions
+from tianim.export.parts import byte_count
+from tianim.export.shared import new_memory, pack, size_of, unpack
+from tianim.frame import Frame
+
+# Frames of this many bytes go to the process: below, writing takes 2 ms.
+LARGE_FRAME = 4 << 20
+# Text formats take about so many times the time of binary ones.
+TEXT_COST = 100
+# Buffers: one is filled while the other is written.
+SLOTS = 2
+# Room for a growing frame, so that a buffer is not made anew for every frame.
+GROWTH = 1.25
+# Seconds that the process may take to end, once it has nothing to do.
+PATIENCE = 60.0
+
+
+class FrameWriter:
+    """Writes the frames of a run, each once and in order; made by `open_exporters`."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._local = Exporters(plan)
+        self._remote: _Remote | None = None
+        is_text = any(one.is_text for one in plan.tables)
+        self._large = LARGE_FRAME // TEXT_COST if is_text else LARGE_FRAME
+
+    def write(self, frame: Frame) -> None:
+        """Write `frame`, or hand it over to be written; its arrays are free when this returns.
+
+        Raises FormatError where a format cannot hold it, OutputError where it or one before
+        it could not be written.
+        """
+        frame = self._plan.select(frame)
+        if self._remote is None and byte_count(frame) >= self._large:
+            self._local.release()
+            self._remote = _Remote(replace(self._plan, resume_from=frame.index))
+        if self._remote:
+            self._remote.write(frame)
+        else:
+            self._local.write(frame)
+
+    def wait(self) -> None:
+        """Wait until every frame given is in its file and in the indexes (a checkpoint may say so then)."""
+        if self._remote:
+            self._remote.wait()
+
+    def close(self) -> None:
+        """Wait for the frames, then write the formats that have one file for the whole run."""
+        if self._remote:
+            self._remote.finish()
+        else:
+            self._local.finish()
+        self.abandon()
+
+    def abandon(self) -> None:
+        """End without the files of the whole run: frames that were given are still written."""
+        if self._remote:
+            self._remote.stop()
+        self._local.release()
+
+
+@contextmanager
+def open_exporters(
+    folder: Path, formats: Sequence[str], options: OutputOptions, fps: float, resume_from: int = 0
+) -> Iterator[FrameWriter]:
+    """Write a run's frames into `folder`: the VTU record always, `formats` and the options' beside it.
+
+    `resume_from` is the index of the first frame that will be written; what `folder` has from
+    it on is removed. The formats with one file for a whole run are written when the block ends
+    well. Raises FormatError, MissingPartError or OutputError before the first frame.
+    """
+    writer = FrameWriter(plan_output(folder, (*options.formats, *formats), options, fps, resume_from))
+    try:
+        yield writer
+        writer.close()
+    except BaseException:
+        writer.abandon()
+        raise
+
+
+class _Remote:
+    """The writer process, seen from the simulation."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._link, theirs = Pipe()
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", "from tianim.export.writer import serve; serve()", str(theirs.fileno())],
+            pass_fds=(theirs.fileno(),),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
+            # Out of reach of the terminal's Ctrl-C, which this process handles.
+            start_new_session=True,
+        )
+        theirs.close()
+        self._memory: list[mmap.mmap | None] = [None] * SLOTS
+        self._free = list(range(SLOTS))
+        self._failure: TianimError | None = None
+        self._send(plan)
+
+    def write(self, frame: Frame) -> None:
+        while self._link.poll() or not self._free:
+            self._receive()
+        slot = self._free[0]
+        memory = self._memory_for(slot, size_of(frame))
+        self._send(("frame", slot, pack(frame, memory)))
+        self._free.remove(slot)
+
+    def wait(self) -> None:
+        while len(self._free) < SLOTS:
+            self._receive()
+        self._raise_failure()
+
+    def finish(self) -> None:
+        self.wait()
+        self._send(("finish", 0, None))
+        try:
+            self._receive()
+        except KeyboardInterrupt:
+            # Files of a whole run take long and are made again from the record.
+            self._process.kill()
+            raise
+
+    def stop(self) -> None:
+        try:
+            with suppress(TianimError):
+                self.wait()
+            self._link.close()
+            self._process.wait(PATIENCE)
+        except BaseException as error:
+            self._process.kill()
+            self._process.wait()
+            if not isinstance(error, subprocess.TimeoutExpired):
+                raise
+
+    def _memory_for(self, slot: int, size: int) -> mmap.mmap:
+        memory = self._memory[slot]
+        if memory is None or len(memory) < size:
+            descriptor = new_memory(int(size * GROWTH))
+            try:
+                memory = self._memory[slot] = mmap.mmap(descriptor, 0)
+                self._send(("memory", slot, None))
+                with self._lost_link():
+                    send_handle(self._link, descriptor, self._process.pid)
+            finally:
+                os.close(descriptor)
+        return memory
+
+    def _send(self, message: object) -> None:
+        self._raise_failure()
+        with self._lost_link():
+            self._link.send(message)
+
+    @contextmanager
+    def _lost_link(self) -> Iterator[None]:
+        """Where the process is gone, raise what it said last, or that it is gone."""
+        try:
+            yield
+        except OSError:
+            while True:
+                self._receive()
+
+    def _receive(self) -> None:
+        self._raise_failure()
+        try:
+            slot, failure = self._link.recv()
+        except (EOFError, OSError) as error:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)
+            code = self._process.returncode
+            self._failure = OutputError(f"the process that writes frames ended (exit code {code}); was memory short?")
+            raise self._failure from error
+        if failure:
+            kind, text = failure
+            self._failure = getattr(errors, kind)(text)
+        elif slot is not None:
+            self._free.append(slot)
+        self._raise_failure()
+
+    def _raise_failure(self) -> None:
+        if self._failure:
+            raise self._failure
+
+
+def serve() -> None:
+    """The writer process: takes frames from the link until it closes or one cannot be written."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with Connection(int(sys.argv[1])) as link, suppress(EOFError, ConnectionError):
+        try:
+            _serve_frames(link)
+        except (EOFError, ConnectionError):
+            raise
+        except TianimError as error:
+            link.send((None, (type(error).__name__, str(error))))
+        except Exception as error:
+            link.send((None, ("OutputError", f"writing failed: {type(error).__name__}: {error}")))
+
+
+def _serve_frames(link: Connection) -> None:
+    exporters = Exporters(link.recv())
+    memory: dict[int, mmap.mmap] = {}
+    while True:
+        order, slot, skeleton = link.recv()
+        if order == "memory":
+            descriptor = recv_handle(link)
+            memory[slot] = mmap.mmap(descriptor, 0)
+            os.close(descriptor)
+        elif order == "frame":
+            exporters.write(unpack(skeleton, memory[slot]))
+            link.send((slot, None))
+        else:
+            exporters.finish()
+            link.send((None, None))

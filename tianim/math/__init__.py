@@ -1,0 +1,1 @@
+"""Mathematics for kernels and for the host: rotations and counter-based random numbers."""

@@ -1,0 +1,86 @@
+"""metrics.csv: one row a frame with every diagnostic, the time a step took, and the substeps.
+
+Rows are appended as frames are made. A resumed run drops the rows after its checkpoint, and a
+row torn by a kill, before it goes on.
+"""
+
+import csv
+import os
+from pathlib import Path
+from types import TracebackType
+
+from typing_extensions import Self
+
+from tianim.errors import OutputError
+from tianim.frame import Frame
+
+FIRST_COLUMNS = ("frame", "time", "substeps", "step_seconds")
+
+
+def read(path: Path) -> list[dict[str, float]]:
+    """The whole rows of a metrics file, each by column name; [] where there is no file."""
+    if not path.is_file():
+        return []
+    lines = path.read_text(encoding="utf-8").split("\n")[:-1]  # what has no line end is torn
+    return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(lines)]
+
+
+class Metrics:
+    """Appends a row a frame to `path`; keeps the rows up to frame `kept` (-1: starts anew).
+
+    A context manager. Raises OutputError where it cannot write.
+    """
+
+    def __init__(self, path: Path, kept: int = -1) -> None:
+        self._path = path
+        self._columns: list[str] = []
+        rows = [row for row in read(path) if row["frame"] <= kept]
+        beside = path.with_name(f".{path.name}.tmp")
+        try:
+            self._file = beside.open("w", encoding="utf-8", newline="")
+            for row in rows:
+                self._append(row)
+            self._file.flush()
+            os.replace(beside, path)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def write(self, frame: Frame, step_seconds: float) -> None:
+        """Append the row of `frame`; `step_seconds` is the wall time that its step took."""
+        row = {"frame": frame.index, "time": frame.time, "step_seconds": step_seconds, **frame.diagnostics}
+        try:
+            self._append(row)
+            self._file.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def sync(self) -> None:
+        """Bring all rows to the disk: a checkpoint counts on them."""
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._file.close()
+        except OSError as failure:
+            if error is None:
+                raise self._failed(failure) from failure
+
+    def _append(self, row: dict[str, float]) -> None:
+        if not self._columns:
+            self._columns = [*FIRST_COLUMNS, *(key for key in row if key not in FIRST_COLUMNS)]
+            csv.writer(self._file, lineterminator="\n").writerow(self._columns)
+        if row.keys() != set(self._columns):
+            raise ValueError(f"a system must report the same diagnostics in each frame: {sorted(row)}")
+        values = ("%d" % row[key] if key in ("frame", "substeps") else repr(float(row[key])) for key in self._columns)
+        csv.writer(self._file, lineterminator="\n").writerow(values)
+
+    def _failed(self, error: OSError) -> OutputError:
+        return OutputError(f"cannot write {self._path}: {error.strerror or error}")

@@ -1,0 +1,28 @@
+"""From a Scene to a Simulation that is ready to run."""
+
+import hashlib
+
+from tianim.scene.models import Scene
+from tianim.scene.summary import check_memory
+from tianim.simulation import Simulation
+from tianim.spatial.bodies import Bodies
+from tianim.system import World
+from tianim.systems import SYSTEMS
+
+
+def build(scene: Scene) -> Simulation:
+    """The simulation of `scene` at its start. Raises SceneError where this machine cannot hold it."""
+    check_memory(scene)
+    bodies = Bodies(scene.bodies)
+    bounds = scene.bounds.value()
+    systems = {
+        name: SYSTEMS[params.kind].system(name, params, World(bounds, bodies, system_seed(scene.seed, name)))
+        for name, params in scene.systems.items()
+    }
+    return Simulation(systems, bodies, scene.fps, scene.frame_count, bounds)
+
+
+def system_seed(seed: int, name: str) -> int:
+    """A system's own seed, 0 to 2^31 - 1: the same on every machine, whatever other systems there are."""
+    digest = hashlib.blake2b(f"{seed} {name}".encode(), digest_size=4).digest()
+    return int.from_bytes(digest, "little") & 0x7FFFFFFF

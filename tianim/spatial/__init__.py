@@ -1,0 +1,1 @@
+"""Space: the neighbour grid, bodies seen as signed distance, placement of particles."""

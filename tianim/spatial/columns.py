@@ -1,0 +1,170 @@
+"""Columns: per-particle arrays, allocated, sorted together and copied in and out in id order.
+
+A vector quantity is one scalar array of shape (k, capacity), component-contiguous, so that
+inner loops over particles vectorise; the capacity is staggered so that the rows do not fall
+on the same cache sets (4 KiB aliasing made a permutation 3.5 times slower). A particle keeps
+its id (0 to n - 1) while the sort moves it; NumPy sees every array in id order.
+
+Every array has a twin of the same shape, the target of the next sort: the pair costs twice
+the memory and spares a copy.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.lang import f32_2d, i32_1d, i32_2d, ti
+
+# Floats between the ends of two rows: five cache lines over a multiple of 4 KiB.
+STAGGER = 80
+PAGE = 1024  # floats in 4 KiB
+
+
+def staggered(count: int) -> int:
+    """Capacity for `count` particles whose rows start on different cache sets."""
+    return -(-max(count, 1) // PAGE) * PAGE + STAGGER
+
+
+@ti.kernel
+def permute_f32(n: ti.i32, rows: ti.i32, destination: i32_1d, source: f32_2d, target: f32_2d):
+    for i in range(n):
+        d = destination[i]
+        for c in range(rows):
+            target[c, d] = source[c, i]
+
+
+@ti.kernel
+def permute_i32(n: ti.i32, rows: ti.i32, destination: i32_1d, source: i32_2d, target: i32_2d):
+    for i in range(n):
+        d = destination[i]
+        for c in range(rows):
+            target[c, d] = source[c, i]
+
+
+@ti.kernel
+def permute_vectors(n: ti.i32, destination: i32_1d, x: f32_2d, v: f32_2d, x2: f32_2d, v2: f32_2d):
+    for i in range(n):
+        d = destination[i]
+        for c in ti.static(range(3)):
+            x2[c, d] = x[c, i]
+            v2[c, d] = v[c, i]
+
+
+@ti.kernel
+def to_id_order_f32(n: ti.i32, rows: ti.i32, identity: i32_2d, source: f32_2d, out: f32_2d):
+    for i in range(n):
+        k = identity[0, i]
+        for c in range(rows):
+            out[k, c] = source[c, i]
+
+
+@ti.kernel
+def to_id_order_i32(n: ti.i32, rows: ti.i32, identity: i32_2d, source: i32_2d, out: i32_2d):
+    for i in range(n):
+        k = identity[0, i]
+        for c in range(rows):
+            out[k, c] = source[c, i]
+
+
+@ti.kernel
+def from_id_order_f32(n: ti.i32, rows: ti.i32, identity: i32_2d, values: f32_2d, target: f32_2d):
+    for i in range(n):
+        k = identity[0, i]
+        for c in range(rows):
+            target[c, i] = values[k, c]
+
+
+@ti.kernel
+def from_id_order_i32(n: ti.i32, rows: ti.i32, identity: i32_2d, values: i32_2d, target: i32_2d):
+    for i in range(n):
+        k = identity[0, i]
+        for c in range(rows):
+            target[c, i] = values[k, c]
+
+
+class Columns:
+    """Per-particle arrays that are sorted together.
+
+    `columns["position"]` is the compiler's array, shape (rows, capacity). "id" (int32) is
+    always there. `widths` gives the rows of each array: positive for float32, negative for int32.
+    """
+
+    def __init__(self, count: int, widths: Mapping[str, int]) -> None:
+        self.count = count
+        self.capacity = staggered(count)
+        self.widths = {"id": -1, **widths}
+        self._now: dict[str, Any] = {}
+        self._next: dict[str, Any] = {}
+        for name, width in self.widths.items():
+            dtype = ti.f32 if width > 0 else ti.i32
+            self._now[name] = ti.ndarray(dtype, (abs(width), self.capacity))
+            self._next[name] = ti.ndarray(dtype, (abs(width), self.capacity))
+        self.restore({name: np.zeros((abs(width), count), self.dtype(name)) for name, width in self.widths.items()})
+        self._now["id"].from_numpy(self._padded(np.arange(count, dtype=np.int32)[None]))
+
+    def __getitem__(self, name: str) -> Any:
+        return self._now[name]
+
+    def dtype(self, name: str) -> type[np.float32] | type[np.int32]:
+        """float32 or int32."""
+        return np.float32 if self.widths[name] > 0 else np.int32
+
+    def bytes_per_particle(self) -> int:
+        """Bytes that one particle takes here, both copies."""
+        return 8 * sum(abs(width) for width in self.widths.values())
+
+    def permute(self, destination: Any) -> None:
+        """Move particle i to `destination[i]` in every array."""
+        rest = dict(self.widths)
+        if rest.get("position") == 3 and rest.get("velocity") == 3:
+            permute_vectors(
+                self.count, destination, self["position"], self["velocity"],
+                self._next["position"], self._next["velocity"],
+            )  # fmt: skip
+            del rest["position"], rest["velocity"]
+        for name, width in rest.items():
+            kernel = permute_f32 if width > 0 else permute_i32
+            kernel(self.count, abs(width), destination, self._now[name], self._next[name])
+        self._now, self._next = self._next, self._now
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Copy in id order: shape (n,) for one row, (n, rows) for more."""
+        rows = abs(self.widths[name])
+        out = np.empty((self.count, rows), self.dtype(name))
+        if self.count:
+            kernel = to_id_order_f32 if self.widths[name] > 0 else to_id_order_i32
+            kernel(self.count, rows, self["id"], self[name], out)
+        return out[:, 0] if rows == 1 else out
+
+    def write(self, name: str, values: NDArray[Any]) -> None:
+        """Set from values in id order, shape (n,) or (n, rows)."""
+        rows = abs(self.widths[name])
+        given = np.ascontiguousarray(values, self.dtype(name)).reshape(self.count, rows)
+        if self.count:
+            kernel = from_id_order_f32 if self.widths[name] > 0 else from_id_order_i32
+            kernel(self.count, rows, self["id"], given, self[name])
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape that `read` gives and `write` takes."""
+        rows = abs(self.widths[name])
+        return (self.count,) if rows == 1 else (self.count, rows)
+
+    def scatter(self, values: NDArray[np.float32], target: Any) -> None:
+        """Values (n, rows) in id order into another array (rows, capacity) in storage order."""
+        from_id_order_f32(self.count, values.shape[1], self["id"], np.ascontiguousarray(values), target)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Every array in storage order, shape (rows, n): what a checkpoint holds."""
+        return {name: self[name].to_numpy()[:, : self.count].copy() for name in self.widths}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+        for name in self.widths:
+            self._now[name].from_numpy(self._padded(np.asarray(state[name], self.dtype(name))))
+
+    def _padded(self, rows: NDArray[Any]) -> NDArray[Any]:
+        out = np.zeros((rows.shape[0], self.capacity), rows.dtype)
+        out[:, : self.count] = rows[:, : self.count]
+        return out

@@ -1,0 +1,24 @@
+"""The table of systems: one line each. Adding a system means a file, a line here, a test file."""
+
+from typing import NamedTuple
+
+from tianim.system import System, SystemParams, World
+from tianim.systems.boids import Boids, BoidsParams
+from tianim.systems.boids.couzin import Couzin, CouzinParams
+from tianim.systems.boids.vicsek import Vicsek, VicsekParams
+
+
+class SystemKind(NamedTuple):
+    """A kind of system: its parameters and its class, built as `system(name, params, world)`."""
+
+    params: type[SystemParams]
+    system: type[System]
+
+
+SYSTEMS: dict[str, SystemKind] = {
+    "boids": SystemKind(BoidsParams, Boids),
+    "couzin": SystemKind(CouzinParams, Couzin),
+    "vicsek": SystemKind(VicsekParams, Vicsek),
+}
+
+__all__ = ["SYSTEMS", "System", "SystemKind", "SystemParams", "World"]

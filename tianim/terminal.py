@@ -1,0 +1,186 @@
+"""What the command line shows: results on standard output, progress and errors on standard error.
+
+Rich is imported when something is drawn with it, so that the light commands stay quick.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperGroup
+
+from tianim.errors import TianimError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+    from rich.table import Table
+
+
+def say(text: str) -> None:
+    """A line of the result."""
+    typer.echo(text)
+
+
+def note(text: str) -> None:
+    """A line beside the result: progress, a hint, an error."""
+    typer.echo(text, err=True)
+
+
+def rows(pairs: Iterable[tuple[str, str]], indent: str = "") -> None:
+    """Pairs as two aligned columns."""
+    pairs = list(pairs)
+    width = max((len(name) for name, _ in pairs), default=0)
+    for name, text in pairs:
+        say(f"{indent}{name:<{width}}  {text}".rstrip())
+
+
+class Commands(TyperGroup):
+    """The group of commands: every error is one or two lines on standard error, never a traceback.
+
+    Errors of tianim end with their own exit code, wrong usage with 2, Ctrl-C with 130. What is
+    left is a defect of the program and keeps its traceback.
+    """
+
+    def main(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
+    ) -> None:
+        """Run the command of `args` (default: of the process) and end with its exit code."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        sys.exit(self._status(arguments, prog_name or "tianim", {**extra, "standalone_mode": False}))
+
+    def _status(self, arguments: list[str], name: str, extra: dict[str, Any]) -> int:
+        try:
+            return super().main(arguments, name, obj=arguments, **extra) or 0
+        except TianimError as error:
+            note(f"{name}: {error}")
+            return error.exit_code
+        except MemoryError:
+            note(f"{name}: out of memory")
+            return 1
+        except (KeyboardInterrupt, typer.Abort):
+            return 130
+        except SystemExit as error:
+            return self._left_by_library(name, error)
+        except Exception as error:
+            # Wrong usage: typer has it from click or, in newer versions, of its own.
+            if not hasattr(error, "format_message"):
+                raise
+            command = getattr(getattr(error, "ctx", None), "command_path", name)
+            note(f"{command}: {' '.join(error.format_message().split())} (see {command} --help)")
+            return 2
+
+    def _left_by_library(self, name: str, error: SystemExit) -> int:
+        if isinstance(error.code, int | None):
+            if error.code and not isinstance(error.__context__, BrokenPipeError):
+                note(f"{name}: a library ended the program with status {error.code}")
+            return error.code or 0
+        note(f"{name}: {error.code}")
+        return 1
+
+
+class Bar:
+    """A progress bar on standard error with rate and time left; silent where that is no terminal."""
+
+    def __init__(self, title: str, quiet: bool = False) -> None:
+        self._title, self._quiet = title, quiet
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> "Bar":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def start(self, first: int, frame_count: int) -> None:
+        """Frames `first` to `frame_count` - 1 will be made."""
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=self._quiet or not console.is_terminal,
+            transient=True,
+        )
+        self._task = self._bar.add_task(self._title, total=frame_count, completed=first, rate="")
+        self._bar.start()
+
+    def frame(self, index: int) -> None:
+        """Frame `index` is made."""
+        if self._bar is not None and self._task is not None:
+            speed = self._bar.tasks[0].speed
+            self._bar.update(self._task, completed=index + 1, rate=f"{speed:.3g} frames/s" if speed else "")
+
+    def so_far(self, done: int, total: int) -> None:
+        """`done` of `total` frames are made."""
+        if self._bar is None:
+            self.start(0, total)
+        self.frame(done - 1)
+
+    def stopping(self) -> None:
+        """Asked to stop: the frame in hand is being finished."""
+        if not self._quiet:
+            note("stopping after this frame; again to stop at once")
+
+
+@contextmanager
+def live_table(title: str) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Give a function that adds a row to a table that grows on standard output; columns from the first row."""
+    from rich.console import Console
+    from rich.live import Live
+
+    table: Table | None = None
+    with Live(console=Console()) as live:
+
+        def add(row: Mapping[str, Any]) -> None:
+            nonlocal table
+            if table is None:
+                table = _table(title, tuple(row))
+                live.update(table)
+            table.add_row(*(cell(row.get(str(column.header))) for column in table.columns))
+
+        yield add
+
+
+def show_table(title: str, table_rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print a table with the columns of all rows, as many as the terminal is wide."""
+    from rich.console import Console
+
+    console = Console()
+    names = list(dict.fromkeys(name for row in table_rows for name in row))
+    shown, width = [], 1
+    for name in names:
+        width += 3 + max(len(cell(value)) for value in (name, *(row.get(name) for row in table_rows)))
+        if width <= console.width or not shown:
+            shown.append(name)
+    table = _table(title, shown)
+    for row in table_rows:
+        table.add_row(*(cell(row.get(name)) for name in shown))
+    console.print(table)
+
+
+def cell(value: Any) -> str:
+    """A value as a cell of a table."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _table(title: str, names: Sequence[str]) -> "Table":
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for name in names:
+        table.add_column(name, overflow="fold")
+    return table

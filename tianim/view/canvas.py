@@ -1,0 +1,153 @@
+"""Canvas: turns geometry, a camera and light into one picture.
+
+The buffers live as long as the canvas; one draw is: find what is visible (raster), blend what is
+translucent, find shadow and corners where wanted, shade.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.view import raster, shade
+
+Float = NDArray[np.float32]
+Int = NDArray[np.int32]
+Picture = NDArray[np.uint8]
+
+SHADOW_SIZE = 1024  # samples along each side of the shadow map
+LARGEST_SCALE = 4096.0  # steps of the blended light in one unit
+MISSING = np.zeros((1, 1), np.float32)
+
+
+def _rows(*shape: int, dtype: type = np.float32) -> NDArray:
+    return np.zeros(shape, dtype)
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """Centres (n, 3) [m], radius (n,) [m], tone (n,): row of the colour table."""
+
+    position: Float = field(default_factory=lambda: _rows(0, 3))
+    radius: Float = field(default_factory=lambda: _rows(0))
+    tone: Float = field(default_factory=lambda: _rows(0))
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Vertices (n, 3) [m], their normals (zero: flat), triangles (m, 3), tone and tint per vertex."""
+
+    position: Float = field(default_factory=lambda: _rows(0, 3))
+    normal: Float = field(default_factory=lambda: _rows(0, 3))
+    triangles: Int = field(default_factory=lambda: _rows(0, 3, dtype=np.int32))
+    tone: Float = field(default_factory=lambda: _rows(0))
+    tint: Float = field(default_factory=lambda: _rows(0))
+
+
+@dataclass(frozen=True)
+class Sticks:
+    """Points (n, 3) [m], segments (m, 2), radius [m] and tone per segment."""
+
+    position: Float = field(default_factory=lambda: _rows(0, 3))
+    segments: Int = field(default_factory=lambda: _rows(0, 2, dtype=np.int32))
+    radius: Float = field(default_factory=lambda: _rows(0))
+    tone: Float = field(default_factory=lambda: _rows(0))
+
+
+@dataclass(frozen=True)
+class Blend:
+    """Translucent sticks from tail to head (n, 3) [m]; radius [m], opacity, tone (n,).
+
+    `taper`: width of the tail over that of the head; `glow` above 0 adds light of that strength.
+    """
+
+    tail: Float
+    head: Float
+    radius: Float
+    opacity: Float
+    tone: Float
+    taper: float = 1.0
+    glow: float = 0.0
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """All that one picture shows; `colors` (rows, 3) is the table that tones point into."""
+
+    colors: Float
+    spheres: Spheres = Spheres()
+    triangles: Triangles = Triangles()
+    sticks: Sticks = Sticks()
+    blends: Sequence[Blend] = ()
+
+
+@dataclass(frozen=True)
+class Light:
+    """A stage array (see shade), fog (start [m], length [m], share), and the camera of the sun or None."""
+
+    stage: Float
+    fog: Float
+    sun: Float | None = None
+    corner_reach: float = 0.0
+
+
+class Canvas:
+    """Buffers for pictures of one size, `samples` squared samples a pixel."""
+
+    def __init__(self, width: int, height: int, samples: int) -> None:
+        self.width, self.height, self.samples = width, height, samples
+        self._key = np.empty((height * samples, width * samples), np.int64)
+        self._light = np.empty((height, width, 2), np.int64)
+        self._depth = np.empty((height, width), np.float32)
+        self._corners = np.empty((height, width), np.float32)
+        self._shadow = np.empty((SHADOW_SIZE, SHADOW_SIZE), np.int64)
+
+    def draw(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> Picture:
+        """The picture (height, width, 3); `camera` is for whole pixels, `background` (height, width, 3) linear."""
+        fine = camera.copy()
+        fine[[raster.FOCAL, raster.WIDTH, raster.HEIGHT]] *= self.samples
+        self._see(self._key, geometry, fine)
+        scale = self._blend(geometry, camera, light)
+        corners = MISSING
+        if light.stage[shade.CORNER] > 0.0:
+            shade.scene_depth(self._depth, self._key, camera, light.stage)
+            shade.find_corners(self._corners, self._depth, camera, light.corner_reach)
+            corners = self._corners
+        sun = light.sun if light.sun is not None else fine
+        if light.sun is not None:
+            self._see(self._shadow, geometry, sun)
+        out = np.empty((self.height, self.width, 3), np.uint8)
+        spheres, mesh, sticks = geometry.spheres, geometry.triangles, geometry.sticks
+        shade.resolve(
+            out, self._key, fine, light.stage, light.fog, background, corners, self._shadow, sun, self._light, scale,
+            spheres.position, spheres.radius, spheres.tone,
+            mesh.position, mesh.normal, mesh.triangles, mesh.tone, mesh.tint,
+            sticks.position, sticks.segments, sticks.radius, sticks.tone, geometry.colors,
+        )  # fmt: skip
+        return out
+
+    def _see(self, key: NDArray[np.int64], geometry: Geometry, camera: Float) -> None:
+        """Fill `key` with the nearest primitive at each sample."""
+        key.fill(raster.EMPTY)
+        spheres, mesh, sticks = geometry.spheres, geometry.triangles, geometry.sticks
+        first_triangle = len(spheres.position)
+        first_line = first_triangle + len(mesh.triangles)
+        if first_triangle:
+            raster.raster_spheres(key, camera, spheres.position, spheres.radius, 0)
+        if len(mesh.triangles):
+            raster.raster_triangles(key, camera, mesh.position, mesh.triangles, first_triangle)
+        if len(sticks.segments):
+            raster.raster_lines(key, camera, sticks.position, sticks.segments, sticks.radius, first_line)
+
+    def _blend(self, geometry: Geometry, camera: Float, light: Light) -> float:
+        """Fill the light buffer; returns its steps in one unit, chosen so that no sum overflows."""
+        self._light.fill(0)
+        count = sum(len(blend.tail) for blend in geometry.blends)
+        scale = min(LARGEST_SCALE, 2.0**31 / (4.0 * max(count, 1)))
+        for blend in geometry.blends:
+            raster.blend_capsules(
+                self._light, self._key, camera, light.fog, blend.tail, blend.head, blend.radius,
+                blend.opacity, blend.tone, geometry.colors, blend.taper, blend.glow, scale,
+            )  # fmt: skip
+        return scale

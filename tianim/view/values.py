@@ -1,0 +1,47 @@
+"""The number that colours each item of a part, and the ranges of such numbers over a film."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.errors import SceneError
+from tianim.frame import Part, Points
+
+Float = NDArray[np.float32]
+
+DERIVED = ("speed", "heading", "height")
+CYCLIC = "heading"
+
+
+def can_color_by(part: Part, by: str) -> bool:
+    """Whether `part` has, or gives by its velocity, the values called `by`."""
+    if by in part.data or by == "height":
+        return True
+    return by in ("speed", "heading") and "velocity" in part.data
+
+
+def values_of(part: Part, by: str, flat: int | None = None) -> Float:
+    """One number per point of `part`: a data array (a vector's length), speed, height or heading.
+
+    `heading` is 0..1 round the compass: in the ground plane, or in the picture plane of a scene
+    that is flat along z. `flat` is the axis along which the scene is flat.
+    Raises SceneError naming what there is.
+    """
+    if not can_color_by(part, by):
+        have = sorted({*part.data, *(name for name in DERIVED if can_color_by(part, name))})
+        raise SceneError(f"view.parts.{part.name}.color.by {by!r}: the part has {', '.join(have)}")
+    if by in part.data:
+        data = np.asarray(part.data[by], np.float32)
+        return data if data.ndim == 1 else np.linalg.norm(data, axis=1)
+    if by == "height":
+        return np.ascontiguousarray(part.position[:, 1], dtype=np.float32)
+    velocity = np.asarray(part.data["velocity"], np.float32)
+    if by == "speed":
+        return np.sqrt(np.einsum("ij,ij->i", velocity, velocity))
+    across, along = (velocity[:, 0], velocity[:, 1]) if flat == 2 else (velocity[:, 2], velocity[:, 0])
+    return (np.arctan2(along, across) / (2 * np.pi) % 1.0).astype(np.float32)
+
+
+def species_of(part: Part) -> NDArray[np.int32] | None:
+    """Whole-number kinds of the points, or None."""
+    species = part.data.get("species") if isinstance(part, Points) else None
+    return None if species is None or len(species) == 0 else np.asarray(species).astype(np.int32)

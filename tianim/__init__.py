@@ -24,7 +24,8 @@ if TYPE_CHECKING:
         TianimError,
     )
     from tianim.frame import Frame, Lines, Mesh, Points
-    from tianim.run import Run, RunOptions, simulate
+    from tianim.run import simulate
+    from tianim.run_folder import Run, RunOptions
     from tianim.runtime import start
     from tianim.scene import Scene, build, load_scene, scene_from
     from tianim.simulation import Simulation
@@ -56,7 +57,8 @@ __all__ = [
 _MODULES = {
     "errors": ("BlowupError", "FormatError", "MissingPartError", "OutputError", "SceneError", "TianimError"),
     "frame": ("Frame", "Lines", "Mesh", "Points"),
-    "run": ("Run", "RunOptions", "simulate"),
+    "run": ("simulate",),
+    "run_folder": ("Run", "RunOptions"),
     "runtime": ("start",),
     "scene": ("Scene", "build", "load_scene", "scene_from"),
     "simulation": ("Simulation",),

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tianim import __version__
-from tianim.errors import MissingPartError, SceneError, TianimError
+from tianim.errors import SceneError
 from tianim.terminal import Bar, Commands, live_table, note, rows, say, show_table
 
 if TYPE_CHECKING:
-    from tianim.run import Run, RunOptions
+    from tianim.run_folder import Run, RunOptions
     from tianim.scene import Scene
+    from tianim.view.look import Look
 
 app = typer.Typer(
     cls=Commands,
@@ -29,6 +30,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+
+
+def example(*lines: str) -> str:
+    """Epilog of a command's help; the backspace keeps the lines as they are."""
+    return "\b\nExample:\n" + "\n".join(f"  {line}" for line in lines)
 
 
 class Arch(str, Enum):
@@ -46,44 +52,48 @@ class Up(str, Enum):
     z = "z"
 
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Scene file, or a name that `tianim list` shows.")]
+SceneName = Annotated[
+    str, typer.Argument(metavar="SCENE", help="Scene file, or a name that `tianim list` shows.")
+]
 Overrides = Annotated[
     list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Values to use instead of the scene's.")
 ]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, for example out/murmuration.")]
+RunFolder = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Folder of a run, for example out/murmuration.")
+]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder to write to.")]
 Threads = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker threads; all cores if left out.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show errors only.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what an earlier run left in the folder.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what an earlier run left in the folder.")
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint, where there is one.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object a line, and nothing else.")]
 
 
-@app.callback(invoke_without_command=True)
+@app.callback(invoke_without_command=True, epilog=example("tianim run murmuration boids.count=10000"))
 def tianim(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
 ) -> None:
-    """Particles, flocks and bodies for animation: a scene file becomes frames, pictures and numbers.
-
-    \b
-    Example:
-      tianim run murmuration boids.count=10000
-    """
+    """Particles, flocks and bodies for animation: a scene file becomes frames, pictures and numbers."""
     if version:
         say(f"tianim {__version__}")
     elif context.invoked_subcommand is None:
         say(context.get_help())
 
 
-@app.command()
+@app.command(
+    epilog=example("tianim run murmuration boids.count=10000 --out out/small --frames 60 --format vtu,ply")
+)
 def run(
     context: typer.Context,
     scene: SceneName,
     overrides: Overrides = None,
     out: Out = None,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="Frames to make, the start included, instead of the scene's duration.")
+        int | None,
+        typer.Option(min=1, help="Frames to make, the start included, instead of the scene's duration."),
     ] = None,
     formats: Annotated[
         str | None, typer.Option("--format", metavar="F,F...", help="Formats to write beside vtu.")
@@ -99,12 +109,8 @@ def run(
 
     Ctrl-C finishes the frame, saves a checkpoint and ends with status 130; `--resume` goes on
     from there. A folder that holds a run is left alone unless `--resume` or `--overwrite` is given.
-
-    \b
-    Example:
-      tianim run murmuration boids.count=10000 --out out/small --frames 60 --format vtu,ply
     """
-    from tianim.run import RunOptions, claim
+    from tianim.run_folder import RunOptions, claim
     from tianim.scene import load_scene
 
     loaded = load_scene(scene, [*(overrides or ()), *_format_override(formats)])
@@ -143,7 +149,7 @@ def _format_override(formats: str | None) -> list[str]:
 
 
 def _show_outputs(done: "Run", folder: Path) -> None:
-    from tianim.run import OUTPUTS
+    from tianim.run_folder import OUTPUTS
 
     about = {
         "frames": f"{done.record['frames_done']} frames; open the .pvd files in ParaView",
@@ -154,3 +160,257 @@ def _show_outputs(done: "Run", folder: Path) -> None:
         "metrics.png": "diagnostics over time",
     }
     rows((str(folder / name), about[name]) for name in OUTPUTS if name in about and (folder / name).exists())
+
+
+@app.command("list", epilog=example("tianim list"))
+def list_scenes() -> None:
+    """List the scenes that can be run by name, one a line."""
+    from tianim.scene import find_scenes
+
+    scenes = find_scenes()
+    if not scenes:
+        note("no scenes: there is no folder configs here")
+    rows((scene.name, scene.description or scene.title) for scene in scenes)
+
+
+@app.command(epilog=example("tianim check murmuration boids.count=1000000"))
+def check(scene: SceneName, overrides: Overrides = None) -> None:
+    """Check a scene without running it: what it holds, the memory and the time it will take."""
+    from tianim.scene import check_memory, load_scene
+
+    loaded = load_scene(scene, overrides or ())
+    summary = check_memory(loaded)
+    rows(
+        (
+            ("scene", loaded.title or Path(scene).stem),
+            ("systems", ", ".join(f"{name} ({params.kind})" for name, params in loaded.systems.items())),
+            ("particles", f"{summary.particles:,}"),
+            ("frames", f"{summary.frames:,} at {loaded.fps:g} a second, {summary.steps:,} steps"),
+            ("memory", f"about {summary.memory / 1e9:.2f} GB"),
+            ("time", f"about {duration(summary.seconds)} on two cores, drawing and writing aside"),
+        )
+    )
+
+
+@app.command(
+    epilog=example(
+        "tianim schema --out scene.schema.json",
+        "then let a scene begin with: # yaml-language-server: $schema=scene.schema.json",
+    )
+)
+def schema(
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write; printed if left out.")
+    ] = None,
+) -> None:
+    """Give the JSON schema of a scene, for an editor's completion and checks."""
+    from tianim.scene import json_schema
+
+    text = json.dumps(json_schema(), indent=1)
+    if out is None:
+        say(text)
+        return
+    from tianim.export.files import write_text
+
+    write_text(out, text + "\n")
+    note(f"wrote {out}")
+
+
+@app.command(epilog=example("tianim export out/murmuration --format usd --up z", "tianim export --formats"))
+def export(
+    run_folder: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of a run.")] = None,
+    formats: Annotated[
+        str | None, typer.Option("--format", metavar="F,F...", help="Formats to write.")
+    ] = None,
+    out: Out = None,
+    up: Annotated[Up | None, typer.Option(help="Axis that points up; the run's if left out.")] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Length units in a metre; the run's if left out.")
+    ] = None,
+    table: Annotated[bool, typer.Option("--formats", help="Print what each format keeps, and end.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the frames of a run in other formats, without simulating again."""
+    if table:
+        from tianim.export import format_table
+
+        show_table("formats", format_table())
+        return
+    if run_folder is None or formats is None:
+        raise SceneError(
+            "export needs RUN and --format, for example: tianim export out/murmuration --format usd"
+        )
+    from tianim.export import OutputOptions, export_run
+    from tianim.run_folder import Run, section
+
+    names = [name.strip() for name in formats.split(",") if name.strip()]
+    changes: dict[str, Any] = {"formats": [], "up_axis": up and up.value, "scale": scale}
+    overrides = [f"{key}={json.dumps(value)}" for key, value in changes.items() if value is not None]
+    done = Run.open(run_folder)
+    options = section(OutputOptions, done.record["scene"]["output"], overrides)
+    with Bar("writing", quiet) as bar:
+        where = export_run(done.folder, names, options, out, bar.so_far)
+    if not quiet:
+        say(str(where))
+
+
+@app.command(epilog=example("tianim render out/murmuration camera.azimuth=60 background=night"))
+def render(run_folder: RunFolder, overrides: Overrides = None, out: Out = None, quiet: Quiet = False) -> None:
+    """Draw the pictures and the film of a run again, with another view if wanted."""
+    from tianim.run_folder import Run
+
+    done = Run.open(run_folder)
+    _pictures(done, overrides or (), out, quiet)
+    if not quiet:
+        _show_outputs(done, out or done.folder)
+
+
+@app.command(epilog=example("tianim view out/murmuration"))
+def view(run_folder: RunFolder, overrides: Overrides = None) -> None:
+    """Open a window to look at a run and go through its frames (needs a display)."""
+    from tianim.run_folder import Run
+    from tianim.view import view_run
+
+    done = Run.open(run_folder)
+    view_run(done.frames(), _look(done, overrides or ()), done.record["fps"])
+
+
+@app.command(
+    epilog=example("tianim sweep vicsek boids.noise=0.1,0.2,0.4 seed=1,2,3 --jobs 2 --out out/vicsek_noise")
+)
+def sweep(
+    scene: SceneName,
+    values: Annotated[
+        list[str],
+        typer.Argument(metavar="KEY=VALUE,VALUE...", help="Values to try; every combination is run."),
+    ],
+    jobs: Annotated[int, typer.Option(min=1, help="Runs at a time; they share the cores.")] = 1,
+    out: Out = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Frames of each run.")] = None,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+    preview: Annotated[bool, typer.Option("--preview", help="Make pictures and a film of each run.")] = False,
+) -> None:
+    """Run a scene with every combination of values, each in a process of its own.
+
+    Ends with a table of the last frame's metrics, also in sweep.csv. A combination that fails is
+    shown and does not stop the others; the exit code is then 1.
+    """
+    from tianim.runtime import available_cores
+    from tianim.sweep import Sweep, run_sweep
+
+    folder = out or Path("out") / f"{Path(scene).stem}_sweep"
+    extra = (
+        [f"--frames={frames}"] * (frames is not None) + ["--resume"] * resume + ["--overwrite"] * overwrite
+    )
+    extra += ["--no-preview"] * (not preview)
+    plan = Sweep(scene, tuple(values), folder, max(1, available_cores() // jobs), tuple(extra))
+    results = run_sweep(plan, jobs, lambda result: note(result.line()))
+    show_table(f"sweep of {scene}", [result.row() for result in results])
+    say(str(folder / "sweep.csv"))
+    if any(result.failed for result in results):
+        raise typer.Exit(1)
+
+
+@app.command(epilog=example("tianim bench boids --n 10000,100000"))
+def bench(
+    case: Annotated[
+        str | None, typer.Argument(metavar="[CASE]", help="Case to run; all if left out.")
+    ] = None,
+    sizes: Annotated[str | None, typer.Option("--n", metavar="N,N...", help="Numbers of items.")] = None,
+    peers: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of other programs to run beside.")
+    ] = None,
+    threads: Threads = None,
+    as_json: Json = False,
+) -> None:
+    """Measure the speed of the kernels, beside other programs if wanted."""
+    from tianim import bench as cases
+
+    _judge("bench", cases.run(case, _numbers(sizes), peers, threads), as_json)
+
+
+@app.command(epilog=example("tianim validate boids --out out/validation"))
+def validate(
+    system: Annotated[
+        str | None, typer.Argument(metavar="[SYSTEM]", help="System to check; all if left out.")
+    ] = None,
+    slow: Annotated[bool, typer.Option("--slow", help="The long checks too.")] = False,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Check systems against published numbers; exit code 1 when a check fails."""
+    from tianim import validate as checks
+
+    _judge("validation", checks.run(system, slow, out), as_json)
+
+
+@app.command(epilog=example("tianim info"))
+def info() -> None:
+    """Show versions, machine, usable back ends, and which optional parts are there."""
+    from tianim import info as facts
+
+    sections: dict[str, dict[str, Any]] = {"versions": facts.versions(), "machine": facts.machine()}
+    sections |= {"back ends": facts.back_ends(), "optional parts": facts.parts()}
+    for title, pairs in sections.items():
+        say(title)
+        rows(((name, str(value)) for name, value in pairs.items()), indent="  ")
+
+
+def _pictures(done: "Run", overrides: Sequence[str], out: Path | None, quiet: bool) -> None:
+    """Draw a run. What a missing part keeps from being made is said; the frames are there all the same."""
+    from tianim.view import render_run
+
+    look = _look(done, overrides)
+    with Bar("drawing", quiet) as bar:
+        render_run(done.frames(), look, out or done.folder, done.metrics, done.record["fps"], bar.so_far)
+
+
+def _look(done: "Run", overrides: Sequence[str]) -> "Look":
+    """The view that the run's scene asks for, with `camera.azimuth=60` or `view.camera.azimuth=60`."""
+    from tianim.run_folder import section
+    from tianim.view.look import Look
+
+    return section(Look, done.record["scene"]["view"], [text.removeprefix("view.") for text in overrides])
+
+
+def _judge(title: str, results: Iterable[dict[str, Any]], as_json: bool) -> None:
+    """Show results as they come; exit code 1 where one did not pass."""
+    passed = True
+    if as_json:
+        for row in results:
+            say(json.dumps(row))
+            passed = passed and row.get("passed", True)
+    else:
+        with live_table(title) as add:
+            for row in results:
+                add(row)
+                passed = passed and row.get("passed", True)
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _numbers(text: str | None) -> list[int] | None:
+    if text is None:
+        return None
+    try:
+        numbers = [int(float(part)) for part in text.split(",")]
+    except (ValueError, OverflowError):
+        numbers = [0]
+    if min(numbers) < 1:
+        raise SceneError(
+            f"--n {text}: must be whole numbers of at least 1 with commas between, as in 10000,1e6"
+        )
+    return numbers
+
+
+def duration(seconds: float) -> str:
+    """Seconds for people: `40 s`, `3 min`, `2.5 h`."""
+    if seconds < 100:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+
+
+def main() -> None:
+    """Run the command of this process and end with its exit code."""
+    app()

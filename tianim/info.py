@@ -4,6 +4,7 @@
 (graphics drivers) is tried in child processes, side by side.
 """
 
+import contextlib
 import os
 import platform
 import subprocess
@@ -39,10 +40,8 @@ def versions() -> dict[str, str]:
 def installed(*names: str) -> str:
     """Version of the first of the packages `names` that is installed, else "not installed"."""
     for name in names:
-        try:
+        with contextlib.suppress(PackageNotFoundError):
             return version(name)
-        except PackageNotFoundError:
-            continue
     return "not installed"
 
 
@@ -65,7 +64,9 @@ def back_ends() -> dict[str, str]:
 def parts() -> dict[str, str]:
     """Version of each optional part, and why it is not usable where its import fails."""
     there = {name: installed(*packages) for name, packages in PARTS.items()}
-    imports = {name: f"import {IMPORT_NAMES.get(name, name)}" for name in PARTS if there[name] != "not installed"}
+    imports = {
+        name: f"import {IMPORT_NAMES.get(name, name)}" for name in PARTS if there[name] != "not installed"
+    }
     return there | {
         name: there[name] if result == "usable" else f"{there[name]}, {result}"
         for name, result in _probe(imports).items()

@@ -15,6 +15,7 @@ from tianim.errors import OutputError
 from tianim.frame import Frame
 
 FIRST_COLUMNS = ("frame", "time", "substeps", "step_seconds")
+WHOLE = ("frame", "substeps")
 
 
 def read(path: Path) -> list[dict[str, float]]:
@@ -79,7 +80,7 @@ class Metrics:
             csv.writer(self._file, lineterminator="\n").writerow(self._columns)
         if row.keys() != set(self._columns):
             raise ValueError(f"a system must report the same diagnostics in each frame: {sorted(row)}")
-        values = ("%d" % row[key] if key in ("frame", "substeps") else repr(float(row[key])) for key in self._columns)
+        values = (f"{row[key]:.0f}" if key in WHOLE else repr(float(row[key])) for key in self._columns)
         csv.writer(self._file, lineterminator="\n").writerow(values)
 
     def _failed(self, error: OSError) -> OutputError:

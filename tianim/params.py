@@ -12,6 +12,7 @@ for type checkers `Animated[float]` is therefore a float.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
@@ -271,7 +272,7 @@ def _existing_file(value: Any, info: ValidationInfo) -> Any:
 
 
 def _must_exist(path: Path) -> Path:
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path.is_file raises OSError for a name that is too long
         raise ValueError(f"no such file: {path}")
     return path
 

@@ -74,7 +74,9 @@ class Simulation:
         if name in self.systems:
             return self.systems[name]
         nearest = difflib.get_close_matches(name, self.systems, n=1)
-        hint = f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(self.systems) or 'none'}"
+        hint = (
+            f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(self.systems) or 'none'}"
+        )
         raise SceneError(f"no system {name!r}: {hint}")
 
     def on_step(self, callback: StepCallback) -> None:

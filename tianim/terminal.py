@@ -134,9 +134,10 @@ class Bar:
 
 @contextmanager
 def live_table(title: str) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Give a function that adds a row to a table that grows on standard output; columns from the first row."""
+    """Give a function that adds a row to a table growing on standard output; all rows have the same keys."""
     from rich.console import Console
     from rich.live import Live
+    from rich.text import Text
 
     table: Table | None = None
     with Live(console=Console()) as live:
@@ -146,7 +147,7 @@ def live_table(title: str) -> Iterator[Callable[[Mapping[str, Any]], None]]:
             if table is None:
                 table = _table(title, tuple(row))
                 live.update(table)
-            table.add_row(*(cell(row.get(str(column.header))) for column in table.columns))
+            table.add_row(*(Text(cell(value)) for value in row.values()))
 
         yield add
 
@@ -154,17 +155,19 @@ def live_table(title: str) -> Iterator[Callable[[Mapping[str, Any]], None]]:
 def show_table(title: str, table_rows: Sequence[Mapping[str, Any]]) -> None:
     """Print a table with the columns of all rows, as many as the terminal is wide."""
     from rich.console import Console
+    from rich.text import Text
 
     console = Console()
     names = list(dict.fromkeys(name for row in table_rows for name in row))
-    shown, width = [], 1
+    shown: list[str] = []
+    width = 1
     for name in names:
         width += 3 + max(len(cell(value)) for value in (name, *(row.get(name) for row in table_rows)))
         if width <= console.width or not shown:
             shown.append(name)
     table = _table(title, shown)
     for row in table_rows:
-        table.add_row(*(cell(row.get(name)) for name in shown))
+        table.add_row(*(Text(cell(row.get(name))) for name in shown))
     console.print(table)
 
 

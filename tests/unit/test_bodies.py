@@ -1,7 +1,10 @@
 """Primitive bodies: distance, normal and velocity beside formulas in float64."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tianim.frame import Lines, Mesh
 from tianim.math.rotations import from_euler, rotate, rotate_back
@@ -14,32 +17,34 @@ LENGTH = 1e-5
 STEP = 3e-3
 GRADIENT = 5e-3
 
-POSE = {"position": (0.4, -1.0, 2.0), "rotation": (25.0, -40.0, 70.0)}
+Floats = NDArray[np.float64]
+
+POSE: dict[str, Any] = {"position": (0.4, -1.0, 2.0), "rotation": (25.0, -40.0, 70.0)}
 
 
-def points(count: int = 2000) -> np.ndarray:
+def points(count: int = 2000) -> Floats:
     return np.random.default_rng(5).uniform(-4.0, 4.0, (count, 3))
 
 
-def box_distance(p: np.ndarray, half: np.ndarray) -> np.ndarray:
+def box_distance(p: Floats, half: Floats) -> Floats:
     """Nearest point of the box outside, nearest face inside."""
     gap = p - np.clip(p, -half, half)
-    return np.linalg.norm(gap, axis=1) - np.maximum(np.min(half - np.abs(p), axis=1), 0.0)
+    return np.asarray(np.linalg.norm(gap, axis=1) - np.maximum(np.min(half - np.abs(p), axis=1), 0.0))
 
 
-def segment_distance(p: np.ndarray, half: float) -> np.ndarray:
+def segment_distance(p: Floats, half: float) -> Floats:
     gap = p - np.stack([0 * p[:, 0], np.clip(p[:, 1], -half, half), 0 * p[:, 0]], axis=1)
-    return np.linalg.norm(gap, axis=1)
+    return np.asarray(np.linalg.norm(gap, axis=1))
 
 
-def expected(body: BodyParams, x: np.ndarray) -> np.ndarray:
+def expected(body: BodyParams, x: Floats) -> Floats:
     p = rotate_back(from_euler(body.rotation), x - np.array(body.position))
     if isinstance(body, Plane):
-        return p @ np.array(body.normal) / np.linalg.norm(body.normal)
+        return np.asarray(p @ np.array(body.normal) / np.linalg.norm(body.normal))
     if isinstance(body, Box):
         return box_distance(p, 0.5 * np.array(body.size)) * (-1.0 if body.inside else 1.0)
     if isinstance(body, Sphere):
-        return (np.linalg.norm(p, axis=1) - body.radius) * (-1.0 if body.inside else 1.0)
+        return np.asarray((np.linalg.norm(p, axis=1) - body.radius) * (-1.0 if body.inside else 1.0))
     assert isinstance(body, Capsule)
     return segment_distance(p, 0.5 * body.length) - body.radius
 
@@ -80,7 +85,7 @@ def test_normal_is_the_unit_gradient(name: str) -> None:
 
 def test_box_on_faces_edges_corners_and_centre() -> None:
     bodies = Bodies({"b": Box(size=(2.0, 4.0, 6.0))})
-    x = [[1, 0, 0], [1, 2, 0], [1, 2, 3], [0, 0, 0], [0.5, 0, 0], [2, 3, 4], [0, 0, -4]]
+    x: list[list[float]] = [[1, 0, 0], [1, 2, 0], [1, 2, 3], [0, 0, 0], [0.5, 0, 0], [2, 3, 4], [0, 0, -4]]
     distance, normal, _ = bodies.distance(x)
     np.testing.assert_allclose(distance, [0, 0, 0, -1, -0.5, np.sqrt(3), 1], atol=LENGTH)
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=LENGTH)
@@ -131,12 +136,11 @@ def test_names_and_index() -> None:
         bodies.index("wall")
 
 
-MOVING = Box(
-    position=Keyframes[Vector3](
-        keys=((0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 2.0, 0.0)), (2.0, (4.0, 0.0, 1.0))), interpolation="cubic"
-    ),
-    rotation=Keyframes[Vector3](keys=((0.0, (0.0, 0.0, 0.0)), (2.0, (90.0, 60.0, 30.0)))),
+PATH = Keyframes[Vector3](
+    keys=((0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 2.0, 0.0)), (2.0, (4.0, 0.0, 1.0))), interpolation="cubic"
 )
+TURN = Keyframes[Vector3](keys=((0.0, (0.0, 0.0, 0.0)), (2.0, (90.0, 60.0, 30.0))))
+MOVING = Box.model_validate({"position": PATH, "rotation": TURN})
 
 
 def test_surface_velocity_is_how_material_points_move() -> None:
@@ -182,7 +186,7 @@ def test_snapshot_lies_on_the_surface(name: str) -> None:
     distance, _, velocity = bodies.distance(part.position)
     # The plane's square is 20 m wide: its corners are good to 1e-5 m in float32.
     np.testing.assert_allclose(distance, 0.0, atol=2e-5)
-    np.testing.assert_allclose(part.data["velocity"], velocity, atol=1e-4)
+    np.testing.assert_allclose(np.asarray(part.data["velocity"], float), velocity, atol=1e-4)
     assert isinstance(part, Lines if "container" in name else Mesh)
     assert part.units == {"velocity": "m/s"}
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from tianim.params import Keyframes, Vector3
 from tianim.spatial.bodies import Bodies
 from tianim.spatial.body_overlap import overlap
 from tianim.spatial.body_params import BodyParams, Box, Capsule, Plane, Sphere
@@ -53,7 +52,7 @@ def test_depth(a: BodyParams, b: BodyParams, depth: float) -> None:
         (Plane(), Plane(position=(0.0, -1.0, 0.0))),
         (Sphere(inside=True), Sphere()),
         (Box(inside=True), Sphere()),
-        (Sphere(), Sphere(position=Keyframes[Vector3](keys=((0.0, (0.0, 0.0, 0.0)),)))),
+        (Sphere(), Sphere.model_validate({"position": {"keys": [[0.0, [0.0, 0.0, 0.0]]]}})),
     ],
 )
 def test_undecided(a: BodyParams, b: BodyParams) -> None:

@@ -4,9 +4,11 @@ This is the only module that imports meshio, so that a maintained fork (meshlane
 calls) can replace it in one line. What meshio would drop with a warning, or write wrongly, is
 converted here, in a way that the table of formats states, or refused:
 
-- PLY has no vectors: `velocity` becomes vx, vy, vz, `color` red, green, blue, others name_x ...;
-  integers of 64 bits become int32 where they fit and double where not; no data per cell.
-- OBJ, STL and OFF keep the geometry; STL only the triangles' corners.
+- An array with a number of components that the format cannot hold is split: `velocity` becomes
+  vx, vy, vz, `color` red, green, blue, others name_x, name_y ... PLY has no vectors at all.
+- PLY: integers of 64 bits become int32 where they fit and double where not; no data per cell;
+  no lines (meshio writes faces with two corners, which other readers do not take for lines).
+- OBJ, STL and OFF keep the geometry; STL only the corners of the triangles.
 - VTK legacy is written in version 4.2, which holds an empty part too.
 - Gmsh holds all data as double, and no points without cells.
 - XDMF, Gmsh: an empty part is a small file of our own, as readers crash on meshio's.
@@ -26,7 +28,7 @@ import numpy as np
 from tianim.errors import FormatError
 from tianim.export.files import whole_folder
 from tianim.export.formats import Stamp
-from tianim.export.parts import cell_data_of, cells_of, kind_of
+from tianim.export.parts import cell_data_of, cells_of, kind_of, with_components
 from tianim.frame import Array, Part
 
 # Suffix to what `meshio.write` is told.
@@ -42,12 +44,8 @@ WRITERS: dict[str, dict[str, Any]] = {
 }
 CELL_NAMES = {"points": "vertex", "lines": "line", "triangles": "triangle"}
 GEOMETRY_ONLY = {".obj", ".stl", ".off"}
-# Names that programs look for in a PLY; other vectors become name_x, name_y, name_z.
-PLY_COMPONENTS = {
-    "velocity": ("vx", "vy", "vz"),
-    "normal": ("nx", "ny", "nz"),
-    "color": ("red", "green", "blue", "alpha"),
-}
+# Components that an array may have; VTK legacy would pad two to three, XDMF readers misread others.
+COMPONENTS = {".ply": {1}, ".vtk": {1, 3, 4, 6, 9}, ".xdmf": {1, 3, 9}, ".msh": {1, 3, 9}}
 EMPTY_FILES = {
     # Gmsh reads this; a reader of meshio's own empty file fails.
     ".msh": "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n0 0 0 0\n$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n",
@@ -103,61 +101,49 @@ def _quiet() -> Any:
 
 
 def _mesh(part: Part, suffix: str) -> meshio.Mesh:
+    """The part as meshio shall write it to a file with that suffix."""
     kind, cells = kind_of(part), cells_of(part)
     if cells is None:
         cells = np.arange(len(part.position), dtype=np.int32).reshape(-1, 1)
     if len(cells) == 0 and len(part.position) and suffix in (".msh", ".xdmf"):
         raise FormatError(f"format {suffix[1:]!r}: part {part.name!r} has points but no {kind}, which it cannot hold")
-    blocks = [(CELL_NAMES[kind], cells.astype(np.int32, copy=False))] if len(cells) else []
-    data = dict(part.data)
-    cell_data = {name: [_plain(values)] for name, values in cell_data_of(part).items()} if blocks else {}
-    if suffix == ".ply":
-        data, cell_data = _split(part), {}
-        # meshio would write the vertex cells as faces of one corner, on which Blender crashes.
-        blocks = blocks if kind == "triangles" else []
-    if suffix in GEOMETRY_ONLY:
-        data, cell_data = {}, {}
+    # A PLY's points are no faces: as such meshio would write them, and Blender crashes on faces of one corner.
+    has_cells = len(cells) > 0 and not (suffix == ".ply" and kind == "points")
+    blocks = [(CELL_NAMES[kind], cells.astype(np.int32, copy=False))] if has_cells else []
+    data: dict[str, Array] = {}
+    cell_data: dict[str, list[Array]] = {}
+    # MED cannot be read with arrays of length 0.
+    if suffix not in GEOMETRY_ONLY and not (suffix == ".med" and len(part.position) == 0):
+        data = _held(part.data, suffix)
+    if suffix not in {*GEOMETRY_ONLY, ".ply"} and blocks:
+        cell_data = {name: [values] for name, values in _held(cell_data_of(part), suffix).items()}
     if suffix == ".stl" and blocks:
         cell_data = {"facet_normals": [_normals(part.position, cells)]}
-    if suffix == ".med" and len(part.position) == 0:
-        data = {}
-    return meshio.Mesh(
-        part.position,
-        blocks,
-        point_data={name: _plain(values) for name, values in data.items()},
-        cell_data=cell_data,
-    )
+    return meshio.Mesh(part.position, blocks, point_data=data, cell_data=cell_data)
 
 
-def _plain(values: Array) -> Array:
-    """As meshio takes it: native byte order, no bool and no half, which it does not know."""
-    if values.dtype.kind == "b":
-        return values.astype(np.uint8)
-    return values.astype(np.float32 if values.dtype == np.float16 else values.dtype.newbyteorder("="), copy=False)
+def _held(data: Mapping[str, Array], suffix: str) -> dict[str, Array]:
+    """The arrays as the format holds them: types it knows, split where it lacks the components."""
+    held: dict[str, Array] = {}
+    for name, values in data.items():
+        values = values.astype(_held_type(values, suffix), copy=False)
+        held.update(with_components(name, values, COMPONENTS.get(suffix)))
+    return held
 
 
-def _split(part: Part) -> dict[str, Array]:
-    """PLY's scalars: vectors by component, 64-bit integers as int32 or double."""
-    columns: dict[str, Array] = {}
-    for name, values in part.data.items():
-        if values.dtype.kind in "iu" and values.dtype.itemsize == 8:
-            fits = values.size == 0 or (values.min() >= -(2**31) and values.max() < 2**31)
-            values = values.astype(np.int32 if fits else np.float64)
-        if values.ndim == 1:
-            columns[name] = values
-        else:
-            names = component_names(name, values.shape[1])
-            columns.update({one: np.ascontiguousarray(values[:, i]) for i, one in enumerate(names)})
-    return columns
-
-
-def component_names(name: str, count: int) -> tuple[str, ...]:
-    """Names in a PLY of the components of a vector of `count` numbers."""
-    usual = PLY_COMPONENTS.get(name, ())
-    if len(usual) >= count > 1:
-        return usual[:count]
-    letters = "xyzw" if count <= 4 else range(count)
-    return tuple(f"{name}_{letter}" for letter, _ in zip(letters, range(count), strict=False))
+def _held_type(values: Array, suffix: str) -> np.dtype:
+    """The type to write: native byte order; no bool and no half, which meshio does not know."""
+    dtype = values.dtype.newbyteorder("=")
+    if dtype.kind == "b":
+        return np.dtype(np.uint8)
+    if dtype == np.float16:
+        return np.dtype(np.float32)
+    if suffix == ".ply" and dtype == np.int16:
+        return np.dtype(np.int32)  # meshio writes "int16", which its reader does not know
+    if suffix == ".ply" and dtype.kind in "iu" and dtype.itemsize == 8:
+        fits = values.size == 0 or (values.min() >= -(2**31) and values.max() < 2**31)
+        return np.dtype(np.int32 if fits else np.float64)
+    return dtype
 
 
 def _normals(position: Array, triangles: Array) -> Array:

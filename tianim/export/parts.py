@@ -1,7 +1,7 @@
 """What exporters need to know of a part: its kind, its cells, its arrays, and that they are sound."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,13 @@ from tianim.frame import Array, Frame, Lines, Mesh, Part, Points
 # The kinds of part, with the number of points a cell has. A point of a cloud is its own cell.
 KINDS = {"points": 1, "lines": 2, "triangles": 3}
 # A name that ends in a digit would run into the frame number: "a64_0001" is fine, "a64" is not.
-PART_NAME = re.compile(r"[A-Za-z]([A-Za-z0-9_-]*[A-Za-z_-])?")
+PART_NAME = re.compile(r"[A-Za-z]([A-Za-z0-9_]*[A-Za-z_])?")
+# Names that programs look for; components of other vectors become name_x, name_y, name_z.
+USUAL_COMPONENTS = {
+    "velocity": ("vx", "vy", "vz"),
+    "normal": ("nx", "ny", "nz"),
+    "color": ("red", "green", "blue", "alpha"),
+}
 
 
 def kind_of(part: Part) -> str:
@@ -66,6 +72,24 @@ def map_arrays(part: Part, function: Callable[[Array], Array]) -> Part:
     return replace(part, **changes)  # type: ignore[arg-type]
 
 
+def component_names(name: str, count: int) -> tuple[str, ...]:
+    """Names of the components of an array that is split."""
+    usual = USUAL_COMPONENTS.get(name, ())
+    if len(usual) >= count > 1:
+        return usual[:count]
+    return tuple(f"{name}_{'xyzw'[i] if count <= 4 else i}" for i in range(count))
+
+
+def with_components(name: str, values: Array, allowed: Container[int] | None) -> dict[str, Array]:
+    """The array as it is, or split by component where `allowed` has not their number."""
+    count = 1 if values.ndim == 1 else values.shape[1]
+    if count == 1:
+        return {name: values.reshape(-1)}
+    if allowed is None or count in allowed:
+        return {name: values}
+    return {one: np.ascontiguousarray(values[:, i]) for i, one in enumerate(component_names(name, count))}
+
+
 def byte_count(frame: Frame) -> int:
     """Bytes of all arrays of the frame."""
     total = 0
@@ -86,7 +110,7 @@ def check_frame(frame: Frame) -> None:
     for part in frame.parts:
         if not PART_NAME.fullmatch(part.name):
             raise FormatError(
-                f"part {part.name!r}: a name starts with a letter, has only letters, digits, - and _, "
+                f"part {part.name!r}: a name starts with a letter, has only letters, digits and _, "
                 "and does not end in a digit"
             )
         if names.count(part.name) > 1:

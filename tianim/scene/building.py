@@ -6,20 +6,23 @@ from tianim.scene.models import Scene
 from tianim.scene.summary import check_memory
 from tianim.simulation import Simulation
 from tianim.spatial.bodies import Bodies
-from tianim.system import World
+from tianim.system import System, SystemParams, World
 from tianim.systems import SYSTEMS
 
 
 def build(scene: Scene) -> Simulation:
     """The simulation of `scene` at its start. Raises SceneError where this machine cannot hold it."""
     check_memory(scene)
-    bodies = Bodies(scene.bodies)
-    bounds = scene.bounds.value()
+    bodies, bounds = Bodies(scene.bodies), scene.bounds.value()
     systems = {
-        name: SYSTEMS[params.kind].system(name, params, World(bounds, bodies, system_seed(scene.seed, name)))
+        name: _system(name, params, World(bounds, bodies, system_seed(scene.seed, name)))
         for name, params in scene.systems.items()
     }
     return Simulation(systems, bodies, scene.fps, scene.frame_count, bounds)
+
+
+def _system(name: str, params: SystemParams, world: World) -> System:
+    return SYSTEMS[params.kind].system(name, params, world)  # type: ignore[call-arg]  # a protocol has no __init__
 
 
 def system_seed(seed: int, name: str) -> int:

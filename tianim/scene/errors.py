@@ -70,6 +70,9 @@ class _Repr(reprlib.Repr):
     def repr_bool(self, value: bool, level: int) -> str:
         return str(value).lower()
 
+    def repr_float(self, value: float, level: int) -> str:
+        return f"{value:.15g}"
+
     def repr_NoneType(self, value: None, level: int) -> str:  # noqa: N802  (reprlib's naming)
         return "null"
 
@@ -272,6 +275,8 @@ def _no_kind(place: _Place) -> Problem:
 
 def _wrong_kind(place: _Place) -> Problem:
     kind = place.value["kind"] if _has(place.value, "kind") else place.value
+    if _looks_keyframed(kind):
+        return Problem((*place.path, "kind"), f"may not be keyframed; must be {words(place.annotation)}")
     return Problem((*place.path, "kind"), "unknown kind" + suggestion(kind, kinds(place.annotation)), kind)
 
 

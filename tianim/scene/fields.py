@@ -63,7 +63,8 @@ def peel(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
 
 def field_annotation(field: FieldInfo) -> Any:
     """The annotation of a model's field, its metadata included."""
-    return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+    with_metadata = (field.annotation, *field.metadata)
+    return Annotated[with_metadata] if field.metadata else field.annotation
 
 
 def members(annotation: Any) -> tuple[Any, ...]:
@@ -153,7 +154,7 @@ def known_keys(annotation: Any, data: Any) -> tuple[str, ...]:
 def unknown_key(key: str, annotation: Any, data: Any) -> str:
     """The message for a key (or its dotted path) that the mapping `data` may not have."""
     model = model_for(annotation, data)
-    kind = kind_of(model) if model is not None and len(models(annotation)) > 1 else None
+    kind = None if model is None else kind_of(model)
     of_kind = "" if kind is None else f" for kind {kind!r}"
     return f"unknown key {key!r}{of_kind}{suggestion(key.rpartition('.')[2], known_keys(annotation, data))}"
 

@@ -66,11 +66,15 @@ def find(scene: str | Path) -> Path:
     """The file that `scene` means: a path, or the name of a scene in a `configs` folder."""
     if not str(scene).strip():
         raise SceneError("no scene: give the path of a scene file, or a name that `tianim list` shows")
+    if not str(scene).isprintable():
+        raise SceneError(
+            f"{str(scene)[:60]!r}: not a path of a scene: it has characters that cannot be printed"
+        )
     path = Path(scene)
     suffixes = ", ".join(READERS)
     try:
         exists, is_folder, is_file = path.exists(), path.is_dir(), path.is_file()
-    except (OSError, ValueError) as error:  # too long, or a NUL in it
+    except (OSError, ValueError) as error:  # too long
         raise SceneError(f"{str(scene)[:60]!r}: not a path of a scene: {_reason(error)}") from None
     if path.suffix.lower() in READERS and is_file:
         return path

@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal, Union
 from pydantic import Field, create_model, model_validator
 from typing_extensions import Self
 
-from tianim import systems as table
 from tianim.export.options import OutputOptions
 from tianim.params import Name, Params, Vector3
 from tianim.spatial.body_params import BodyParams
 from tianim.system import Bounds, SystemParams
+from tianim.systems import SYSTEMS
 from tianim.view.look import Look
 
 # A film of nine hours at 30 frames a second; a typing error in fps or duration is far beyond.
@@ -111,7 +111,7 @@ class Scene(Params):
 
 def scene_model() -> type[Scene]:
     """The model of a scene with the kinds of the SYSTEMS table as it is now."""
-    return _scene_model(tuple(kind.params for kind in table.SYSTEMS.values()))
+    return _scene_model(tuple(kind.params for kind in SYSTEMS.values()))
 
 
 @lru_cache(maxsize=8)

@@ -41,7 +41,7 @@ def summarise(scene: Scene) -> Summary:
 
 
 def check_memory(scene: Scene, available: int | None = None) -> Summary:
-    """The summary; SceneError where the scene needs more than the `available` bytes (default: this machine's)."""
+    """The summary; SceneError where the scene needs more than `available` bytes (default: this machine's)."""
     summary = summarise(scene)
     if available is None:
         available = available_memory()

@@ -64,10 +64,11 @@ SIZE = 20  # samples of the grid along x, y, z
 FIRST = 23  # first sample of the key before, in blocks
 SECOND = 24  # first sample of the key after, in blocks
 BLEND = 25  # 0: the key before, 1: the key after
-RATE = 26  # keys a second, negative when played backwards [1/s]
+RATE = 26  # keys a second, negative when played backwards; 0 where one key is all there is [1/s]
 WIDTH = 28
 
 PLANE, ROUNDED, MESH = 0, 1, 2
+FAR = 1e30  # [m], more than any distance
 
 
 @ti.func
@@ -113,26 +114,26 @@ def _kept_inside(table: ti.template(), b, g):
 
 
 @ti.func
-def _lookup(table: ti.template(), samples: ti.template(), b, first, g):
-    """Trilinear gradient [1/cell] and value of the grid that starts at block `first`, at `g`."""
+def _lookup(table: ti.template(), samples: ti.template(), b, g):
+    """Trilinear gradient [1/cell] and value of row `b` at `g`, and the change to the next key.
+
+    One loop over the eight corners of one or two grids: unrolled it would triple the compile time.
+    """
     ny, nz = ti.cast(table[b, SIZE + 1], ti.i32), ti.cast(table[b, SIZE + 2], ti.i32)
     base = ti.cast(ti.min(g, _triple(table, b, SIZE) - 2.0), ti.i32)
     f = g - base
-    at = ti.cast(first, ti.i32) * BLOCK + (base.x * ny + base.y) * nz + base.z
-    result = ti.Vector([0.0, 0.0, 0.0, 0.0])
-    for corner in range(8):
-        i, j, k = corner // 4, corner // 2 % 2, corner % 2
-        s = samples[at + (i * ny + j) * nz + k]
-        wx, wy, wz = ti.select(i, f.x, 1.0 - f.x), ti.select(j, f.y, 1.0 - f.y), ti.select(k, f.z, 1.0 - f.z)
-        result += s * ti.Vector(
-            [
-                ti.select(i, 1.0, -1.0) * wy * wz,
-                wx * ti.select(j, 1.0, -1.0) * wz,
-                wx * wy * ti.select(k, 1.0, -1.0),
-                wx * wy * wz,
-            ]
-        )
-    return result
+    at = (base.x * ny + base.y) * nz + base.z
+    hit, change = ti.Vector([0.0, 0.0, 0.0, 0.0]), 0.0
+    for n in range(ti.select(table[b, RATE] == 0.0, 8, 16)):
+        second, i, j, k = n // 8, n // 4 % 2, n // 2 % 2, n % 2
+        start = ti.cast(ti.select(second, table[b, SECOND], table[b, FIRST]), ti.i32) * BLOCK
+        s = samples[start + at + (i * ny + j) * nz + k]
+        blend = ti.select(second, table[b, BLEND], 1.0 - table[b, BLEND])
+        x, y, z = ti.select(i, f.x, 1.0 - f.x), ti.select(j, f.y, 1.0 - f.y), ti.select(k, f.z, 1.0 - f.z)
+        u, v, w = 2.0 * i - 1.0, 2.0 * j - 1.0, 2.0 * k - 1.0
+        hit += blend * s * ti.Vector([u * y * z, x * v * z, x * y * w, x * y * z])
+        change += ti.select(second, s, -s) * x * y * z
+    return hit, change
 
 
 @ti.func
@@ -140,9 +141,7 @@ def _mesh(table: ti.template(), samples: ti.template(), b, p):
     """Normal and distance of the mesh in row `b` at local `p`."""
     wanted = _in_cells(table, b, p)
     g = _kept_inside(table, b, wanted)
-    hit = _lookup(table, samples, b, table[b, FIRST], g)
-    if table[b, BLEND] > 0.0:
-        hit += table[b, BLEND] * (_lookup(table, samples, b, table[b, SECOND], g) - hit)
+    hit, _ = _lookup(table, samples, b, g)
     normal = ti.Vector([0.0, 1.0, 0.0])
     if hit.xyz.norm_sqr() > 0.0:
         normal = hit.xyz.normalized()
@@ -184,11 +183,9 @@ def surface_velocity(table: ti.template(), samples: ti.template(), b, x):
     if table[b, RATE] != 0.0:
         rotation = _pose_rotation(table, b)
         g = _kept_inside(table, b, _in_cells(table, b, rotate_back(rotation, arm)))
-        before = _lookup(table, samples, b, table[b, FIRST], g)
-        change = _lookup(table, samples, b, table[b, SECOND], g) - before
-        normal = before.xyz + table[b, BLEND] * change.xyz
-        if normal.norm_sqr() > 0.0:
-            velocity -= table[b, RATE] * change.w * rotate(rotation, normal.normalized())
+        hit, change = _lookup(table, samples, b, g)
+        if hit.xyz.norm_sqr() > 0.0:
+            velocity -= table[b, RATE] * change * rotate(rotation, hit.xyz.normalized())
     return velocity
 
 
@@ -198,8 +195,8 @@ def query_bodies(table: f32_2d, samples: f32_1d, count: ti.i32, x: f32_2d, hits:
     for i in range(x.shape[0]):
         p = ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
         nearest = 0
-        hit = signed_distance(table, samples, 0, p)
-        for b in range(1, count):
+        hit = ti.Vector([0.0, 0.0, 0.0, FAR])
+        for b in range(count):
             other = signed_distance(table, samples, b, p)
             if other.w < hit.w:
                 hit = other

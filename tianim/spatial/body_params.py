@@ -95,7 +95,11 @@ def _resolve(value: Any, info: ValidationInfo) -> Any:
 
 
 def _at_least_two(files: Path) -> Path:
-    if len(sequence_files(files)) < 2:
+    try:
+        count = len(sequence_files(files))
+    except OSError as error:
+        raise ValueError(f"{files}: cannot be read ({error.strerror})") from error
+    if count < 2:
         raise ValueError(f"{files}: a sequence needs two or more meshes ({', '.join(MESH_SUFFIXES)})")
     return files
 

@@ -77,8 +77,8 @@ def own_count(placement: Placement) -> int | None:
 def place(placement: Placement, count: int | None, rng: np.random.Generator, dimension: int = 3) -> Placed:
     """Start points for `count` particles, in 2 or 3 dimensions.
 
-    `count` None takes as many as a list or file brings. SceneError where the two disagree, or
-    where points are not in the plane of a scene with two dimensions.
+    `count` None takes as many as a list or file brings; SceneError where the two disagree. In two
+    dimensions points and velocities are laid into the plane z = 0.
     """
     there = own_count(placement)
     if count is None:

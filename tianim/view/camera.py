@@ -19,7 +19,8 @@ from tianim.view.survey import Survey
 Float = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-ROBUST = (2.0, 98.0)  # percentiles that bound the action
+ROBUST = (2.0, 98.0)  # percentiles that bound loose points
+WHOLE = (0.0, 100.0)  # and what hangs together
 FILL = 0.62  # share of the height that the action fills
 FILL_PLAN = 0.86
 WIDEST = 0.80  # share of the width that the action may fill
@@ -122,6 +123,7 @@ class CameraPath:
 
     def _fit(self, survey: Survey) -> None:
         """Fit centre and distance to every surveyed frame, and smooth both."""
+        self._bounds = ROBUST if survey.loose and self._plan is None else WHOLE
         action = list(survey.action)
         everything = survey.everything
         if not len(everything):
@@ -146,7 +148,7 @@ class CameraPath:
     def _middle(self, points: Float, axes: Vector) -> Vector:
         """World point in the middle of the robust bounds along the camera's axes."""
         seen = points.astype(np.float64) @ axes.T
-        return np.percentile(seen, ROBUST, axis=0).mean(axis=0) @ axes  # type: ignore[no-any-return]
+        return np.percentile(seen, self._bounds, axis=0).mean(axis=0) @ axes  # type: ignore[no-any-return]
 
     def _needed(self, points: Float, axes: Vector, center: Vector) -> float:
         """Distance [m] from which the action fills its share of the picture."""
@@ -154,7 +156,7 @@ class CameraPath:
         tall, wide = self._half * self.fill, self._half * self._width / self._height * max(WIDEST, self.fill)
         depth = seen[:, 2] if self.perspective else 0.0
         need = np.maximum(np.abs(seen[:, 1]) / tall, np.abs(seen[:, 0]) / wide) + depth
-        size = float(np.percentile(need, ROBUST[1]))
+        size = float(np.percentile(need, self._bounds[1]))
         return max(size, 1e-6 + 1e-3 * float(np.abs(center).max()), 0.5 if len(points) < 2 else 0.0)
 
 

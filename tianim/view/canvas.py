@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
-from tianim.view import raster, shade
+from tianim.view import colormap, raster, shade
 
 Float = NDArray[np.float32]
 Int = NDArray[np.int32]
@@ -18,7 +19,9 @@ Picture = NDArray[np.uint8]
 
 SHADOW_SIZE = 1024  # samples along each side of the shadow map
 LARGEST_SCALE = 4096.0  # steps of the blended light in one unit
-MISSING = np.zeros((1, 1), np.float32)
+TILE = 16  # samples along each side of a tile of the shadow map
+
+ENCODING = colormap.encoding_table(shade.ENCODING_SIZE, shade.ENCODING_STEPS)
 
 
 def _rows(*shape: int, dtype: type = np.float32) -> NDArray:
@@ -84,12 +87,16 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Light:
-    """A stage array (see shade), fog (start [m], length [m], share), and the camera of the sun or None."""
+    """How a picture is lit.
+
+    stage  see shade; fog: start [m], length [m], share lost over it
+    sun    camera of the shadow map, None: no shadows are cast; reach: how far a corner darkens [m]
+    """
 
     stage: Float
     fog: Float
     sun: Float | None = None
-    corner_reach: float = 0.0
+    reach: float = 1.0
 
 
 class Canvas:
@@ -100,7 +107,7 @@ class Canvas:
         self._key = np.empty((height * samples, width * samples), np.int64)
         self._light = np.empty((height, width, 2), np.int64)
         self._depth = np.empty((height, width), np.float32)
-        self._corners = np.empty((height, width), np.float32)
+        self._shade = np.empty((height, width, 2), np.float32)
         self._shadow = np.empty((SHADOW_SIZE, SHADOW_SIZE), np.int64)
 
     def draw(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> Picture:
@@ -109,23 +116,39 @@ class Canvas:
         fine[[raster.FOCAL, raster.WIDTH, raster.HEIGHT]] *= self.samples
         self._see(self._key, geometry, fine)
         scale = self._blend(geometry, camera, light)
-        corners = MISSING
-        if light.stage[shade.CORNER] > 0.0:
-            shade.scene_depth(self._depth, self._key, camera, light.stage)
-            shade.find_corners(self._corners, self._depth, camera, light.corner_reach)
-            corners = self._corners
-        sun = light.sun if light.sun is not None else fine
-        if light.sun is not None:
-            self._see(self._shadow, geometry, sun)
+        if light.stage[shade.CORNER] > 0.0 or light.sun is not None:
+            self._find_shade(geometry, camera, light)
         out = np.empty((self.height, self.width, 3), np.uint8)
         spheres, mesh, sticks = geometry.spheres, geometry.triangles, geometry.sticks
         shade.resolve(
-            out, self._key, fine, light.stage, light.fog, background, corners, self._shadow, sun, self._light, scale,
+            out, self._key, fine, light.stage, light.fog, background,
+            self._shade, self._depth, light.reach, self._light, scale,
             spheres.position, spheres.radius, spheres.tone,
             mesh.position, mesh.normal, mesh.triangles, mesh.tone, mesh.tint,
-            sticks.position, sticks.segments, sticks.radius, sticks.tone, geometry.colors,
+            sticks.position, sticks.segments, sticks.radius, sticks.tone, geometry.colors, ENCODING,
         )  # fmt: skip
         return out
+
+    def _find_shade(self, geometry: Geometry, camera: Float, light: Light) -> None:
+        """Fill the buffer of corners and cast shadows."""
+        shade.scene_depth(self._depth, self._key, camera, light.stage)
+        casters = np.full((1, 1), shade.FAR, np.float32)
+        if light.sun is not None:
+            self._see(self._shadow, geometry, light.sun)
+            casters = self._casters()
+        sun = camera if light.sun is None else light.sun
+        shade.find_shade(
+            self._shade, self._depth, self._shadow, casters, camera, sun, light.stage, light.reach
+        )
+
+    def _casters(self) -> Float:
+        """Nearest depth of the shadow map in and round each tile, so that most points look no further."""
+        tiles = SHADOW_SIZE // TILE
+        nearest = self._shadow.reshape(tiles, TILE, tiles, TILE).min(axis=(1, 3))
+        depth = (nearest >> 32).astype(np.int32).view(np.float32)
+        depth = np.where(nearest == raster.EMPTY, np.float32(shade.FAR), depth)
+        reach = 2 * int(np.ceil(shade.LARGEST_PENUMBRA * SHADOW_SIZE / TILE)) + 1
+        return np.ascontiguousarray(minimum_filter(depth, size=reach), dtype=np.float32)
 
     def _see(self, key: NDArray[np.int64], geometry: Geometry, camera: Float) -> None:
         """Fill `key` with the nearest primitive at each sample."""

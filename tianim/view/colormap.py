@@ -79,3 +79,10 @@ def _phase(lightness: float = 0.62, chroma: float = 0.135) -> Float:
 def uniform(color: str) -> Float:
     """A table of one colour, shape (256, 3)."""
     return np.tile(hex_to_linear(color), (ENTRIES, 1))
+
+
+def encoding_table(size: int, steps: float) -> Float:
+    """Bytes (as float) of linear light (k / steps) squared, k below `size`; a shoulder above 0.8 instead of a clip."""
+    light = (np.arange(size) / steps) ** 2
+    bent = np.where(light > 0.8, 1.0 - 0.04 / np.maximum(light - 0.6, 0.2), light)
+    return (255.0 * to_srgb(bent)).astype(np.float32)

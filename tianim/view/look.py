@@ -99,7 +99,7 @@ class PartStyle(Params):
         min_length=1,
         max_length=64,
         description="factor on the size for each species, in order; "
-        "left out: a species of under 2 % of the points is drawn 2.2 times as large",
+        "left out: a species of under 2 % of the points is drawn 3 times as large",
     )
     color: Annotated[ColorBy, BeforeValidator(_short_color)] = Field(
         default=ColorBy(), description="what the colour says"

@@ -117,10 +117,13 @@ def raster_triangles(key: i64_2d, camera: f32_1d, position: f32_2d, triangles: i
             ea, eb, ec = pb.cross(pc), pc.cross(pa), pa.cross(pb)
             area = pa.dot(ea)
             if ti.abs(area) > 1e-30:
+                ea, eb, ec = ea / area, eb / area, ec / area
                 for y in range(y0, y1):
+                    py = y - y0 + 0.5
+                    ra, rb, rc = ea[1] * py + ea[2], eb[1] * py + eb[2], ec[1] * py + ec[2]
                     for x in range(x0, x1):
-                        p = ti.Vector([x - x0 + 0.5, y - y0 + 0.5, 1.0])
-                        ba, bb, bc = ea.dot(p) / area, eb.dot(p) / area, ec.dot(p) / area
+                        px = x - x0 + 0.5
+                        ba, bb, bc = ea[0] * px + ra, eb[0] * px + rb, ec[0] * px + rc
                         if ti.min(ba, bb, bc) >= 0.0:
                             depth = (ba * va[2] + bb * vb[2] + bc * vc[2]) / (ba + bb + bc)
                             if depth > camera[NEAR]:

@@ -33,7 +33,11 @@ SOFTNESS = 18  # width of a shadow's edge over its distance from what casts it
 STAGE_SIZE = 19
 
 FAR = 1.0e30  # depth of the background [m]
-SHADOW_TAPS = 12
+SHADOW_TAPS = 10
+CORNER_TAPS = 8
+ENCODING_STEPS = 1024.0  # entries of the encoding table for each unit of the root of light
+ENCODING_SIZE = 4096
+LARGEST_PENUMBRA = 0.025  # of the width of the shadow map
 GOLDEN = (-0.7373688, 0.6754903)  # cosine and sine of the golden angle: taps in a sunflower spiral
 CREASE = 0.72  # cosine of the angle from which an edge is drawn sharp
 
@@ -84,6 +88,13 @@ def floor_depth(camera: ti.template(), stage: ti.template(), x, y):
     return ti.select(found > camera[NEAR], found, FAR)
 
 
+@ti.func
+def depth_of(found):
+    """Depth [m] in a key, FAR where nothing was found."""
+    depth = ti.bit_cast(ti.cast(found >> 32, ti.i32), ti.f32)
+    return ti.select(found == ti.i64(EMPTY), FAR, depth)
+
+
 @ti.kernel
 def scene_depth(out: f32_2d, key: i64_2d, camera: f32_1d, stage: f32_1d):
     """Depth [m] of each pixel (height, width) at its central sample, the floor included."""
@@ -91,70 +102,127 @@ def scene_depth(out: f32_2d, key: i64_2d, camera: f32_1d, stage: f32_1d):
     for y, x in out:
         found = key[y * samples + samples // 2, x * samples + samples // 2]
         floor = floor_depth(camera, stage, x + 0.5, y + 0.5)
-        depth = ti.bit_cast(ti.cast(found >> 32, ti.i32), ti.f32)
-        out[y, x] = ti.select(found == ti.i64(EMPTY), floor, ti.min(depth, floor))
-
-
-@ti.kernel
-def find_corners(out: f32_2d, depth: f32_2d, camera: f32_1d, reach: ti.f32):
-    """How far each pixel is enclosed, 0..1, from pairs of opposite depths within `reach` [m].
-
-    Opposite pairs make a slope count as nothing, only corners and what stands in front count.
-    """
-    height, width = out.shape[0], out.shape[1]
-    for y, x in out:
-        z = depth[y, x]
-        enclosed = 0.0
-        if z < FAR * 0.5:
-            w = ti.select(camera[PERSPECTIVE] > 0.5, z, 1.0)
-            pixels = ti.min(ti.max(reach * camera[FOCAL] / w, 3.0), 0.12 * height)
-            turn = 6.2831853 * noise(x % 4, y % 4)
-            cx, cy = ti.cos(turn), ti.sin(turn)
-            for k in range(8):
-                far = pixels * ti.sqrt((k + 0.5) / 8.0)
-                cx, cy = cx * GOLDEN[0] - cy * GOLDEN[1], cx * GOLDEN[1] + cy * GOLDEN[0]
-                dx, dy = ti.cast(ti.round(cx * far), ti.i32), ti.cast(ti.round(cy * far), ti.i32)
-                sum_front = 0.0
-                for side in ti.static(range(2)):
-                    sx = ti.min(ti.max(x + (1 - 2 * side) * dx, 0), width - 1)
-                    sy = ti.min(ti.max(y + (1 - 2 * side) * dy, 0), height - 1)
-                    front = (z - depth[sy, sx]) / reach
-                    front = ti.select(front > 2.0, 2.0 / front, front)  # far in front: another thing
-                    sum_front += ti.min(ti.max(front, -1.0), 1.0)
-                enclosed += ti.min(ti.max(sum_front, 0.0), 1.0)
-        out[y, x] = enclosed / 8.0
+        out[y, x] = ti.min(depth_of(found), floor)
 
 
 @ti.func
-def shadow_at(shadow: ti.template(), sun: ti.template(), p, softness, pixel_noise):
-    """Share of the key light that reaches world point `p`: nearer casters give sharper edges."""
-    v = to_view(sun, p[0], p[1], p[2])
+def enclosure(depth: ti.template(), camera: ti.template(), reach, x, y):
+    """How far a pixel is enclosed, 0..1, from pairs of opposite depths within `reach` [m].
+
+    Opposite pairs make a slope count as nothing: only corners and what stands in front count.
+    """
+    height, width = depth.shape[0], depth.shape[1]
+    z = depth[y, x]
+    w = ti.select(camera[PERSPECTIVE] > 0.5, z, 1.0)
+    pixels = ti.min(reach * camera[FOCAL] / w, 0.12 * height)
+    turn = 6.2831853 * noise(x % 4, y % 4)
+    cx, cy = ti.cos(turn), ti.sin(turn)
+    enclosed = 0.0
+    for k in range(CORNER_TAPS):
+        far = pixels * ti.sqrt((k + 0.5) / CORNER_TAPS)
+        cx, cy = cx * GOLDEN[0] - cy * GOLDEN[1], cx * GOLDEN[1] + cy * GOLDEN[0]
+        dx, dy = ti.cast(ti.round(cx * far), ti.i32), ti.cast(ti.round(cy * far), ti.i32)
+        sum_front, near = 0.0, 1.0
+        for side in ti.static(range(2)):
+            sx = ti.min(ti.max(x + (1 - 2 * side) * dx, 0), width - 1)
+            sy = ti.min(ti.max(y + (1 - 2 * side) * dy, 0), height - 1)
+            front = (z - depth[sy, sx]) / reach
+            near *= ti.min(ti.max(2.0 - front, 0.0), 1.0)  # far in front: another thing
+            sum_front += ti.min(ti.max(front, -1.0), 1.0)
+        enclosed += near * ti.min(ti.max(sum_front, 0.0), 1.0)
+    # Where the reach is but a few pixels (towards the horizon) there is nothing to tell.
+    return enclosed / CORNER_TAPS * ti.min(ti.max(0.25 * pixels - 0.5, 0.0), 1.0)
+
+
+@ti.func
+def casts_near(casters: ti.template(), sun: ti.template(), v):
+    """Whether anything round the light ray through `v` (seen from the sun) lies nearer to the sun."""
+    s = to_screen(sun, v)
+    tile = ti.cast(sun[WIDTH], ti.i32) // casters.shape[0]
+    x, y = ti.cast(ti.floor(s[0] / tile), ti.i32), ti.cast(ti.floor(s[1] / tile), ti.i32)
+    found = False
+    if 0 <= x < casters.shape[1] and 0 <= y < casters.shape[0]:
+        found = v[2] > casters[y, x]
+    return found
+
+
+@ti.func
+def shadow_at(shadow: ti.template(), sun: ti.template(), v, softness, pixel_noise):
+    """Share of the key light that reaches `v` (seen from the sun): nearer casters give sharper edges."""
     s = to_screen(sun, v)
     size = shadow.shape[0]
     texel = 1.0 / sun[FOCAL]
     turn = 6.2831853 * pixel_noise
     cx, cy = ti.cos(turn), ti.sin(turn)
-    blockers, gap = 0.0, 0.0
-    lit = 0.0
-    reach = 0.02 * size
+    blockers, gap, open_taps = 0.0, 0.0, 0.0
+    reach = LARGEST_PENUMBRA * size
     for step in range(2 * SHADOW_TAPS):
         k = step % SHADOW_TAPS
         if step == SHADOW_TAPS:
-            reach = ti.min(ti.max(softness * gap / ti.max(blockers, 1.0) / texel, 1.2), 0.03 * size)
+            reach = ti.min(ti.max(softness * gap / ti.max(blockers, 1.0) / texel, 1.2), reach)
         far = reach * ti.sqrt((k + 0.5) / SHADOW_TAPS)
         cx, cy = cx * GOLDEN[0] - cy * GOLDEN[1], cx * GOLDEN[1] + cy * GOLDEN[0]
         x, y = ti.cast(ti.floor(s[0] + cx * far), ti.i32), ti.cast(ti.floor(s[1] + cy * far), ti.i32)
         depth = FAR
         if 0 <= x < size and 0 <= y < size:
-            depth = ti.bit_cast(ti.cast(shadow[y, x] >> 32, ti.i32), ti.f32)
-        before = v[2] - depth - texel * (1.5 + 1.2 * far)
+            depth = depth_of(shadow[y, x])
+        behind = v[2] - depth - texel * (1.5 + 1.2 * far)
         if step < SHADOW_TAPS:
-            if before > 0.0:
+            if behind > 0.0:
                 blockers += 1.0
                 gap += v[2] - depth
-        elif before <= 0.0:
-            lit += 1.0 / SHADOW_TAPS
-    return lit
+        elif behind <= 0.0:
+            open_taps += 1.0
+    return ti.select(blockers > 0.0, open_taps / SHADOW_TAPS, 1.0)
+
+
+@ti.kernel
+def find_shade(
+    out: f32_3d,
+    depth: f32_2d,
+    shadow: i64_2d,
+    casters: f32_2d,
+    camera: f32_1d,
+    sun: f32_1d,
+    stage: f32_1d,
+    reach: ti.f32,
+):
+    """Per pixel (height, width, 2): how far it is enclosed, and the share of the key light that it gets.
+
+    `casters` (n, n): nearest depth of the shadow map round each tile. Both values are rough, with a
+    pattern of 4 x 4 pixels that `resolve` averages away.
+    """
+    for y, x in depth:
+        enclosed, lit = 0.0, 1.0
+        if depth[y, x] < FAR * 0.5:
+            alone = False
+            if stage[SHADOW] > 0.0:
+                p = to_world(camera, x + 0.5, y + 0.5, depth[y, x])
+                v = to_view(sun, p[0], p[1], p[2])
+                if casts_near(casters, sun, v):
+                    lit = shadow_at(shadow, sun, v, stage[SOFTNESS], noise(x % 4, y % 4))
+                else:
+                    alone = p[1] < stage[FLOOR_HEIGHT] + 0.01 * reach
+            if stage[CORNER] > 0.0 and not alone:
+                enclosed = enclosure(depth, camera, reach, x, y)
+        out[y, x, 0] = enclosed
+        out[y, x, 1] = lit
+
+
+@ti.func
+def averaged_shade(rough: ti.template(), depth: ti.template(), reach, x, y, z):
+    """Enclosure and light at depth `z`, from the 4 x 4 pixels round (x, y) that show the same surface."""
+    height, width = depth.shape[0], depth.shape[1]
+    enclosed, lit, weights = 0.0, 0.0, 1e-9
+    for k in range(16):
+        sy = ti.min(ti.max(y + k // 4 - 2, 0), height - 1)
+        sx = ti.min(ti.max(x + k % 4 - 2, 0), width - 1)
+        near = ti.abs(depth[sy, sx] - z) / reach
+        weight = ti.select(near < 1.0, 1.0, 1e-4 / (1.0 + near * near))
+        enclosed += weight * rough[sy, sx, 0]
+        lit += weight * rough[sy, sx, 1]
+        weights += weight
+    return enclosed / weights, lit / weights
 
 
 @ti.func
@@ -174,17 +242,6 @@ def lit_color(stage: ti.template(), albedo, normal, toward_eye, lit, open_share)
         color[c] = albedo[c] * (stage[3 + c] * diffuse + ambient * open_share)
         color[c] += stage[3 + c] * shine + stage[6 + c] * rim
     return color
-
-
-@ti.func
-def encoded(linear):
-    """The sRGB value 0..1 of linear light, with a shoulder above 0.8 instead of a clip."""
-    x = ti.max(linear, 0.0)
-    x = ti.select(x > 0.8, 1.0 - 0.04 / (x - 0.6), x)
-    a = ti.sqrt(x)
-    b = ti.sqrt(a)
-    c = ti.sqrt(b)
-    return 0.662002687 * a + 0.684122060 * b - 0.323583601 * c - 0.0225411470 * x
 
 
 @ti.func
@@ -239,9 +296,9 @@ def resolve(
     stage: f32_1d,
     fog: f32_1d,
     background: f32_3d,
-    corners: f32_2d,
-    shadow: i64_2d,
-    sun: f32_1d,
+    shade: f32_3d,
+    depth: f32_2d,
+    reach: ti.f32,
     light: i64_3d,
     light_scale: ti.f32,
     sphere_position: f32_2d,
@@ -257,11 +314,13 @@ def resolve(
     line_radius: f32_1d,
     line_tone: f32_1d,
     colors: f32_2d,
+    encoding: f32_1d,
 ):
     """The picture (height, width, 3) uint8: surfaces lit and fogged, blended light over them, encoded.
 
     Ids run through spheres, triangles, lines. `tone` is a row of `colors` (linear light); the back
-    of a triangle takes the row 256 further on. `corners` of shape (1, 1): none. `tint` brightens.
+    of a triangle takes the row 256 further on. `shade` and `depth` are read only where the
+    stage has shadows or corners. `tint` brightens, above 1.5 towards white.
     """
     height, width = out.shape[0], out.shape[1]
     samples = key.shape[0] // height
@@ -269,12 +328,6 @@ def resolve(
     first_line = first_triangle + triangles.shape[0]
     for y, x in ti.ndrange(height, width):
         behind = ti.Vector([background[y, x, c] for c in ti.static(range(3))])
-        enclosed = 0.0
-        if stage[CORNER] > 0.0:
-            for k in range(16):
-                sy, sx = ti.min(y + k // 4, height - 1), ti.min(x + k % 4, width - 1)
-                enclosed += corners[sy, sx] * 0.0625
-        open_share = 1.0 - stage[CORNER] * enclosed
         total = ti.Vector([0.0, 0.0, 0.0])
         color = behind
         last = -2
@@ -287,17 +340,16 @@ def resolve(
             if n != last:
                 last = n
                 px, py = kx + 0.5, ky + 0.5
-                depth = ti.bit_cast(ti.cast(found >> 32, ti.i32), ti.f32)
+                z = depth_of(found)
                 if n == -1:
-                    depth = floor_depth(camera, stage, px, py)
-                p = to_world(camera, px, py, ti.min(depth, FAR))
-                lit = 1.0
-                if stage[SHADOW] > 0.0 and depth < FAR:
-                    lit = 1.0 - stage[SHADOW] * (1.0 - shadow_at(shadow, sun, p, stage[SOFTNESS], noise(kx, ky)))
+                    z = floor_depth(camera, stage, px, py)
+                enclosed, lit = 0.0, 1.0
+                if stage[SHADOW] + stage[CORNER] > 0.0 and z < FAR * 0.5:
+                    enclosed, lit = averaged_shade(shade, depth, reach, x, y, z)
+                open_share = 1.0 - stage[CORNER] * enclosed
+                lit = 1.0 - stage[SHADOW] * (1.0 - lit)
                 if n == -1:
-                    color = behind
-                    if depth < FAR:
-                        color = behind * (0.4 + 0.6 * lit) * open_share
+                    color = behind * (0.4 + 0.6 * lit) * open_share
                 else:
                     view = ray(camera, px, py)
                     toward_eye = across_view(camera, -view[0], -view[1], 1.0)
@@ -317,6 +369,7 @@ def resolve(
                         row = ti.cast(sphere_tone[n], ti.i32)
                     elif n < first_line:
                         m = n - first_triangle
+                        p = to_world(camera, px, py, z)
                         smooth, flat, share = triangle_surface(position, normal, triangles, m, p)
                         back = flat.dot(toward_eye) < 0.0
                         facing = ti.select(back, -smooth, smooth)
@@ -333,9 +386,11 @@ def resolve(
                         vb = to_view(camera, line_position[b, 0], line_position[b, 1], line_position[b, 2])
                         facing = line_normal(camera, va, vb, px, py, line_radius[m])
                         row = ti.cast(line_tone[m], ti.i32)
-                    albedo = ti.Vector([colors[row, c] * bright for c in ti.static(range(3))])
+                    white = ti.max(bright - 1.5, 0.0) * 0.5
+                    bright = ti.min(bright, 1.5)
+                    albedo = ti.Vector([colors[row, c] * bright + white for c in ti.static(range(3))])
                     surface = lit_color(stage, albedo, facing.normalized(), toward_eye, lit, open_share)
-                    color = behind + (surface - behind) * faded(fog, depth)
+                    color = behind + (surface - behind) * faded(fog, z)
             total += color
         total /= samples * samples
         red_green, blue_depth = light[y, x, 0], light[y, x, 1]
@@ -346,7 +401,9 @@ def resolve(
         total[0] += ti.cast(red_green >> 32, ti.f32) * gain
         total[1] += ti.cast(red_green & ti.i64(LOW_WORD), ti.f32) * gain
         total[2] += ti.cast(blue_depth >> 32, ti.f32) * gain
+        # Half a step of fixed noise hides the bands of smooth gradients.
+        dither = noise(x, y) - 0.5
         for c in ti.static(range(3)):
-            # Half a step of fixed noise hides the bands of smooth gradients.
-            value = 255.0 * encoded(total[c]) + 0.5 + 0.9 * (noise(x + 17 * c, y) - 0.5)
+            place = ti.min(ti.sqrt(ti.max(total[c], 0.0)) * ENCODING_STEPS, ENCODING_SIZE - 1.0)
+            value = encoding[ti.cast(place, ti.i32)] + 0.5 + 0.9 * dither
             out[y, x, c] = ti.cast(ti.min(ti.max(value, 0.0), 255.0), ti.u8)

@@ -60,6 +60,22 @@ def _bird() -> Shape:
     return _shape(rows, triangles, beat=2.6, width=0.22)
 
 
+def _far_bird() -> Shape:
+    """A bird of a few pixels: a body seen from any side, and two wings."""
+    rows = [
+        (0.0, 0.0, 0.50, 0.0, 0.0, 0.0, 1.0),
+        (0.12, 0.0, -0.45, 0.0, 0.0, 0.0, 1.0),
+        (-0.12, 0.0, -0.45, 0.0, 0.0, 0.0, 1.0),
+        (0.0, -0.13, 0.05, 0.0, 0.0, 0.0, 0.8),
+        (0.05, 0.03, 0.2, 0.0, 0.0, 0.0, 1.1),
+        (-0.05, 0.03, 0.2, 0.0, 0.0, 0.0, 1.1),
+        (0.66, 0.1, -0.1, 0.0, 0.34, 0.0, 1.3),
+        (-0.66, 0.1, -0.1, 0.0, 0.34, 0.0, 1.3),
+        (0.0, 0.03, -0.2, 0.0, 0.0, 0.0, 1.0),
+    ]
+    return _shape(rows, [(0, 1, 2), (0, 3, 8), (4, 6, 8), (5, 8, 7)], beat=2.6, width=0.22)
+
+
 def _fish() -> Shape:
     """A body taller than wide, dark above and pale below, with a tail that beats from side to side."""
     rows = [
@@ -130,6 +146,7 @@ def _arrow() -> Shape:
     return _shape(rows, [(0, 1, 3), (0, 3, 2)], beat=0.0, width=0.4)
 
 
+FAR_SHAPES = {"birds": _far_bird()}  # for what is only a few pixels long
 SHAPES = {"birds": _bird(), "fish": _fish(), "bees": _bee(), "darts": _dart(), "arrows": _arrow()}
 
 

@@ -41,6 +41,7 @@ class Survey:
     indices, times of the frames looked at; action: some of the points that matter in each, (m, 3) [m]
     flat      axis along which all points agree (0, 1, 2), or None
     lowest    height of the lowest thing [m]
+    loose     the action is points, of which some may stray and need not be framed
     spacing   distance between neighbours by part [m] (median segment length of lines)
     parts     one example of each part, from the frame in the middle
     """
@@ -50,6 +51,7 @@ class Survey:
     action: Sequence[Float]
     flat: int | None
     lowest: float
+    loose: bool
     spacing: Mapping[str, float]
     parts: Mapping[str, Part]
     frames: Sequence[Frame] = field(repr=False)
@@ -80,6 +82,7 @@ def survey(frames: Frames) -> Survey:
         action=action,
         flat=_flat_axis(action),
         lowest=_lowest(seen),
+        loose=any(isinstance(part, Points) for frame in seen for part in frame.parts if part.name in moving),
         spacing={name: _spacing(part) for name, part in parts.items()},
         parts=parts,
         frames=seen,

@@ -144,17 +144,18 @@ def avoid(table: ti.template(), row, at, velocity, bodies: ti.template(), sample
     wish = ti.Vector([0.0, 0.0, 0.0])
     for b in range(body_count):
         relative = velocity - surface_velocity(bodies, samples, b, at)
-        worst, normal = 0.0, ti.Vector([0.0, 0.0, 0.0])
+        worst, here, normal = 0.0, 0.0, ti.Vector([0.0, 0.0, 0.0])
         for k in range(3):
             hit = signed_distance(bodies, samples, b, at + 0.5 * k * ahead * relative)
-            depth = ti.min((margin - hit.w) / margin, 2.0)
+            depth = ti.min((margin - hit.w) / margin, 1.0)
+            if k == 0:
+                here = ti.max(depth, 0.0)
             if depth > worst:
                 worst = depth
                 normal = hit.xyz
-        # Around, not back: what of the push is against the way is turned sideways.
+        # Round it, not back: sideways to the way; straight out only as far as it is near now.
         way = unit(relative)
-        sideways = normal - normal.dot(way) * way
-        wish += worst * unit(normal + sideways)
+        wish += worst * unit(normal - normal.dot(way) * way) + here * normal
     return wish
 
 

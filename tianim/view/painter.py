@@ -1,0 +1,97 @@
+"""Painter: the pictures of a film, one index at a time.
+
+It surveys the film once, decides background, camera and styles, and then draws any frame.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.frame import Frame, Mesh
+from tianim.view.backdrop import Backdrop, Preset, preset_of, stage_array
+from tianim.view.camera import CameraPath, View, camera_array
+from tianim.view.canvas import SHADOW_SIZE, Canvas, Geometry, Light, Picture
+from tianim.view.draft import Draft
+from tianim.view.look import Look
+from tianim.view.shade import SHADOW
+from tianim.view.survey import Frames, Survey, survey
+
+Float = NDArray[np.float32]
+
+CORNER_REACH = 0.06  # how far corners are looked for, over the radius of the action
+SHADOW_REACH = 2.2  # half the width of the shadow map, over the radius of the action
+
+
+class Painter:
+    """Draws frames of one film by one look."""
+
+    def __init__(self, frames: Frames, look: Look) -> None:
+        self._frames, self._look = frames, look
+        self.survey: Survey = survey(frames)
+        self.background = background_for(look, self.survey)
+        self._preset: Preset = preset_of(self.background)
+        size = (look.width, look.height)
+        self.path = CameraPath(look.camera, self.survey, *size, self._preset.azimuth, self._preset.elevation)
+        middle = int(self.survey.indices[len(self.survey.indices) // 2]) if len(self.survey.indices) else 0
+        typical = self.path.at(middle, self._time(middle))
+        self._draft = Draft(look, self._preset, self.survey, typical)
+        self._canvas = Canvas(*size, look.samples)
+        self._backdrop = Backdrop(self._preset, *size)
+        self._shadows = look.shadows if look.shadows is not None else self._preset.shadow + self._preset.corners > 0
+        self._fog = self._preset.fog if look.fog is None else look.fog
+
+    @property
+    def trail(self) -> int:
+        """Frames before the present one that a picture wants to see."""
+        return self._draft.trail
+
+    def picture(self, index: int) -> Picture:
+        """The picture (height, width, 3) uint8 of the frame at `index`."""
+        earlier = [self._frames[k] for k in range(max(0, index - self.trail), index)]
+        return self.draw(self._frames[index], index, earlier)
+
+    def draw(self, frame: Frame, index: int, earlier: Sequence[Frame] = ()) -> Picture:
+        """The picture of `frame`, which is at `index` of the film, with trails through `earlier`."""
+        view = self.path.at(index, frame.time)
+        geometry = self._draft.geometry(frame, earlier)
+        background = self._backdrop.picture(view.camera, frame.time)
+        return self._canvas.draw(geometry, view.camera, self._light(view, geometry), background)
+
+    def _time(self, index: int) -> float:
+        found = np.flatnonzero(self.survey.indices == index)
+        return float(self.survey.times[found[0]]) if len(found) else 0.0
+
+    def _light(self, view: View, geometry: Geometry) -> Light:
+        stage = stage_array(
+            self._preset, view.camera, self.survey.lowest, self._shadows, self._look.exposure
+        )
+        start = view.distance - view.radius
+        fog = np.array([start, max(2 * view.radius, 1e-9), min(self._fog, 0.995)], np.float32)
+        sun = None
+        solid = len(geometry.spheres.position) + len(geometry.triangles.triangles) + len(geometry.sticks.segments)
+        if self._shadows and self._preset.shadow > 0.0 and solid:
+            sun = self._sun(view, stage[:3].astype(np.float64))
+        else:
+            stage[SHADOW] = 0.0
+        return Light(stage, fog, sun, CORNER_REACH * view.radius)
+
+    def _sun(self, view: View, toward: NDArray[np.float64]) -> Float:
+        """Orthographic camera of the shadow map, round the action."""
+        eye, forward = view.camera[:3].astype(np.float64), view.camera[9:12].astype(np.float64)
+        center = eye + forward * view.distance
+        reach = SHADOW_REACH * view.radius
+        up = np.array([0.0, 0.0, 1.0]) if abs(toward[1]) > 0.9 else np.array([0.0, 1.0, 0.0])
+        return camera_array(center + toward * 4 * reach, center, SHADOW_SIZE, SHADOW_SIZE, reach, False, up)
+
+
+def background_for(look: Look, found: Survey) -> object:
+    """The background: as the look says, or what suits the scene."""
+    if look.background != "auto":
+        return look.background
+    if found.flat is not None:
+        return "paper"
+    parts = list(found.parts.values())
+    return "studio" if parts and all(isinstance(part, Mesh) for part in parts) else "dusk"
+
+

@@ -5,12 +5,14 @@ renamed. ZIP keeps a CRC-32 of each array, so that a file torn by a power cut or
 known and passed over for the one before it; the last two are kept.
 """
 
+import contextlib
 import os
 import re
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +35,10 @@ def save(folder: Path, index: int, state: Mapping[str, NDArray[np.generic]]) -> 
             os.fsync(file.fileno())
         os.replace(beside, path)
     except OSError as error:
-        beside.unlink(missing_ok=True)
         raise OutputError(f"cannot write checkpoint {path}: {error.strerror or error}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
     for _, old in _by_index(folder)[:-KEPT]:
         old.unlink(missing_ok=True)
     return path
@@ -55,7 +59,7 @@ def drop_oldest(folder: Path) -> None:
         old.unlink(missing_ok=True)
 
 
-def _write(file, state: Mapping[str, NDArray[np.generic]]) -> None:  # type: ignore[no-untyped-def]
+def _write(file: IO[bytes], state: Mapping[str, NDArray[np.generic]]) -> None:
     # Not np.savez: it takes names as keyword arguments, of which it keeps some for itself.
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, value in state.items():

@@ -105,7 +105,9 @@ def run(
     no_preview: Annotated[bool, typer.Option("--no-preview", help="Make no pictures and no film.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a scene: frames, metrics, pictures and a film, in out/<scene> or DIR.
+    """Simulate a scene.
+
+    Writes frames, metrics, pictures and a film to out/<scene> or DIR.
 
     Ctrl-C finishes the frame, saves a checkpoint and ends with status 130; `--resume` goes on
     from there. A folder that holds a run is left alone unless `--resume` or `--overwrite` is given.
@@ -164,7 +166,7 @@ def _show_outputs(done: "Run", folder: Path) -> None:
 
 @app.command("list", epilog=example("tianim list"))
 def list_scenes() -> None:
-    """List the scenes that can be run by name, one a line."""
+    """List the scenes that can be run by name."""
     from tianim.scene import find_scenes
 
     scenes = find_scenes()
@@ -175,7 +177,10 @@ def list_scenes() -> None:
 
 @app.command(epilog=example("tianim check murmuration boids.count=1000000"))
 def check(scene: SceneName, overrides: Overrides = None) -> None:
-    """Check a scene without running it: what it holds, the memory and the time it will take."""
+    """Check a scene without running it.
+
+    Prints what it holds, the memory and the time that it will take.
+    """
     from tianim.scene import check_memory, load_scene
 
     loaded = load_scene(scene, overrides or ())
@@ -203,7 +208,7 @@ def schema(
         Path | None, typer.Option(metavar="FILE", help="File to write; printed if left out.")
     ] = None,
 ) -> None:
-    """Give the JSON schema of a scene, for an editor's completion and checks."""
+    """Give the JSON schema of scenes, for editors."""
     from tianim.scene import json_schema
 
     text = json.dumps(json_schema(), indent=1)
@@ -230,11 +235,14 @@ def export(
     table: Annotated[bool, typer.Option("--formats", help="Print what each format keeps, and end.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write the frames of a run in other formats, without simulating again."""
-    if table:
-        from tianim.export import format_table
+    """Write a run in other formats.
 
-        show_table("formats", format_table())
+    Nothing is simulated again.
+    """
+    if table:
+        from tianim.export import formats_table
+
+        show_table("formats", formats_table())
         return
     if run_folder is None or formats is None:
         raise SceneError(
@@ -256,7 +264,10 @@ def export(
 
 @app.command(epilog=example("tianim render out/murmuration camera.azimuth=60 background=night"))
 def render(run_folder: RunFolder, overrides: Overrides = None, out: Out = None, quiet: Quiet = False) -> None:
-    """Draw the pictures and the film of a run again, with another view if wanted."""
+    """Draw pictures and film of a run.
+
+    Keys are those of the scene's `view`.
+    """
     from tianim.run_folder import Run
 
     done = Run.open(run_folder)
@@ -267,7 +278,10 @@ def render(run_folder: RunFolder, overrides: Overrides = None, out: Out = None, 
 
 @app.command(epilog=example("tianim view out/murmuration"))
 def view(run_folder: RunFolder, overrides: Overrides = None) -> None:
-    """Open a window to look at a run and go through its frames (needs a display)."""
+    """Look at a run in a window.
+
+    Goes through its frames; needs a display.
+    """
     from tianim.run_folder import Run
     from tianim.view import view_run
 
@@ -291,9 +305,9 @@ def sweep(
     overwrite: Overwrite = False,
     preview: Annotated[bool, typer.Option("--preview", help="Make pictures and a film of each run.")] = False,
 ) -> None:
-    """Run a scene with every combination of values, each in a process of its own.
+    """Run every combination of some values.
 
-    Ends with a table of the last frame's metrics, also in sweep.csv. A combination that fails is
+    Each is a run in a process of its own. Ends with a table of the last frame's metrics, also in sweep.csv. A combination that fails is
     shown and does not stop the others; the exit code is then 1.
     """
     from tianim.runtime import available_cores
@@ -324,7 +338,7 @@ def bench(
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Measure the speed of the kernels, beside other programs if wanted."""
+    """Measure the speed of the kernels."""
     from tianim import bench as cases
 
     _judge("bench", cases.run(case, _numbers(sizes), peers, threads), as_json)
@@ -339,7 +353,10 @@ def validate(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Check systems against published numbers; exit code 1 when a check fails."""
+    """Check systems against published numbers.
+
+    Exit code 1 when a check fails.
+    """
     from tianim import validate as checks
 
     _judge("validation", checks.run(system, slow, out), as_json)
@@ -347,7 +364,7 @@ def validate(
 
 @app.command(epilog=example("tianim info"))
 def info() -> None:
-    """Show versions, machine, usable back ends, and which optional parts are there."""
+    """Show versions, machine and optional parts."""
     from tianim import info as facts
 
     sections: dict[str, dict[str, Any]] = {"versions": facts.versions(), "machine": facts.machine()}

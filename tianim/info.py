@@ -15,14 +15,13 @@ from pathlib import Path
 import tianim
 from tianim.lang import COMPILER
 
-PACKAGES = ("numpy", "scipy", "pydantic", "meshio", "h5py")
+PACKAGES = ("numpy", "scipy", "pydantic", "meshio", "h5py", "trimesh", "pillow")
 # Part -> the packages one of which brings it.
 PARTS = {
     "open3d": ("open3d", "open3d-cpu"),
     "av": ("av",),
     "usd-core": ("usd-core",),
     "quadrants": ("quadrants",),
-    "matplotlib": ("matplotlib",),
 }
 IMPORT_NAMES = {"usd-core": "pxr"}
 ARCHES = ("cpu", "cuda", "vulkan")
@@ -58,7 +57,7 @@ def machine() -> dict[str, str | int | float]:
 def back_ends() -> dict[str, str]:
     """`usable` or why not, for each back end that Taichi may run on."""
     code = "from tianim import runtime; runtime.start({0!r})"
-    return _probe({arch: code.format(arch) for arch in ARCHES})
+    return probe({arch: code.format(arch) for arch in ARCHES})
 
 
 def parts() -> dict[str, str]:
@@ -69,11 +68,11 @@ def parts() -> dict[str, str]:
     }
     return there | {
         name: there[name] if result == "usable" else f"{there[name]}, {result}"
-        for name, result in _probe(imports).items()
+        for name, result in probe(imports).items()
     }
 
 
-def _probe(codes: dict[str, str]) -> dict[str, str]:
+def probe(codes: dict[str, str]) -> dict[str, str]:
     """Run each piece of Python in a child process: `usable`, or the last line of its complaint."""
     children = {
         name: subprocess.Popen(

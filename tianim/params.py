@@ -234,9 +234,9 @@ class Keyframes(Params, Generic[T]):
         from scipy.interpolate import CubicSpline, PchipInterpolator
 
         if self.interpolation == "pchip":
-            return PchipInterpolator(times, values)  # type: ignore[no-any-return]
+            return PchipInterpolator(times, values)
         ends = "periodic" if self.repeat == "loop" and np.array_equal(values[0], values[-1]) else "natural"
-        return CubicSpline(times, values, bc_type=ends)  # type: ignore[no-any-return]
+        return CubicSpline(times, values, bc_type=ends)
 
 
 def _plain(value: NDArray[np.float64]) -> Any:

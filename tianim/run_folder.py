@@ -158,9 +158,7 @@ def claim(folder: Path, scene: "Scene", options: RunOptions) -> None:
     if not there:
         return
     if "run.json" not in there:
-        raise SceneError(
-            f"{folder}: holds {there[0]}, not made by a run: choose another --out, or --overwrite"
-        )
+        raise SceneError(f"{folder}: holds {there[0]} but no run.json: choose another --out, or --overwrite")
     run = Run.open(folder)
     difference = _difference(_motion(run.record["scene"]), _motion(resolved(scene)))
     if difference:
@@ -171,20 +169,19 @@ def claim(folder: Path, scene: "Scene", options: RunOptions) -> None:
     if not options.resume:
         done = f"{run.record['frames_done']} of {run.record['frame_count']} frames"
         what = "a finished run" if run.state == "done" else f"an unfinished run ({run.state}, {done})"
-        wish = (
-            "--overwrite makes it again"
-            if run.state == "done"
-            else "--resume goes on, --overwrite starts anew"
-        )
-        raise SceneError(f"{folder}: holds {what} of this scene: {wish}")
+        wish = "" if run.state == "done" else "--resume goes on, "
+        raise SceneError(f"{folder}: holds {what} of this scene: {wish}--overwrite makes it anew")
     _must_go_on_alike(run, options)
 
 
 @contextlib.contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """Hold the folder, so that no second run writes to it; the system lets go when the process ends."""
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise SceneError(f"--out {folder}: cannot be made: {error.strerror or error}") from None
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -60,12 +60,18 @@ class Bounds:
 class World:
     """What surrounds the systems of a scene and is shared by them.
 
-    A system is built as `Kind(name, params, world)`. `seed` belongs to this system alone.
+    A system is built as `Kind(name, params, world)`. `seed` belongs to this system alone. `fields`
+    names the data arrays that frames are to hold, None for all: what nobody wants is not computed.
     """
 
     bounds: Bounds
     bodies: "Bodies"
     seed: int
+    fields: frozenset[str] | None = None
+
+    def wants(self, field: str) -> bool:
+        """Whether frames are to hold the data array `field`."""
+        return self.fields is None or field in self.fields
 
 
 class System(Protocol):

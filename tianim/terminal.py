@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
     from rich.table import Table
 
+NAME = "tianim"
+
 
 def say(text: str) -> None:
     """A line of the result."""
@@ -43,40 +45,38 @@ class Commands(TyperGroup):
     left is a defect of the program and keeps its traceback.
     """
 
-    def main(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
-    ) -> None:
+    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> None:
         """Run the command of `args` (default: of the process) and end with its exit code."""
         arguments = list(sys.argv[1:] if args is None else args)
-        sys.exit(self._status(arguments, prog_name or "tianim", {**extra, "standalone_mode": False}))
+        sys.exit(self._status(arguments, {**extra, "standalone_mode": False}))
 
-    def _status(self, arguments: list[str], name: str, extra: dict[str, Any]) -> int:
+    def _status(self, arguments: list[str], extra: dict[str, Any]) -> int:
         try:
-            return super().main(arguments, name, obj=arguments, **extra) or 0
+            return super().main(arguments, NAME, obj=arguments, **extra) or 0
         except TianimError as error:
-            note(f"{name}: {error}")
+            note(f"{NAME}: {error}")
             return error.exit_code
         except MemoryError:
-            note(f"{name}: out of memory")
+            note(f"{NAME}: out of memory")
             return 1
         except (KeyboardInterrupt, typer.Abort):
             return 130
         except SystemExit as error:
-            return self._left_by_library(name, error)
+            return self._left_by_library(error)
         except Exception as error:
             # Wrong usage: typer has it from click or, in newer versions, of its own.
             if not hasattr(error, "format_message"):
                 raise
-            command = getattr(getattr(error, "ctx", None), "command_path", name)
+            command = getattr(getattr(error, "ctx", None), "command_path", NAME)
             note(f"{command}: {' '.join(error.format_message().split())} (see {command} --help)")
             return 2
 
-    def _left_by_library(self, name: str, error: SystemExit) -> int:
+    def _left_by_library(self, error: SystemExit) -> int:
         if isinstance(error.code, int | None):
             if error.code and not isinstance(error.__context__, BrokenPipeError):
-                note(f"{name}: a library ended the program with status {error.code}")
+                note(f"{NAME}: a library ended the program with status {error.code}")
             return error.code or 0
-        note(f"{name}: {error.code}")
+        note(f"{NAME}: {error.code}")
         return 1
 
 

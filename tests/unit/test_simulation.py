@@ -16,7 +16,9 @@ from tianim.system import Bounds, World
 FPS = 24.0
 
 
-def make(fps: float = FPS, frames: int = 5, bodies: Mapping[str, Any] | None = None, **params: Any) -> Simulation:
+def make(
+    fps: float = FPS, frames: int = 5, bodies: Mapping[str, Any] | None = None, **params: Any
+) -> Simulation:
     shapes = Bodies(bodies or {})
     world = World(Bounds(), shapes, seed=7)
     systems = {"dust": drift.Drift("dust", drift.DriftParams(**params), world)}
@@ -83,7 +85,9 @@ def test_a_frame_holds_parts_of_systems_and_bodies_and_named_diagnostics() -> No
 
 def test_a_body_stands_where_the_frame_says() -> None:
     path = {"keys": [(0.0, (0.0, 0.0, 0.0)), (1.0, (24.0, 0.0, 0.0))]}
-    simulation = make(bodies={"ball": Sphere.model_validate({"radius": 0.5, "position": path})}, time_step=0.01)
+    simulation = make(
+        bodies={"ball": Sphere.model_validate({"radius": 0.5, "position": path})}, time_step=0.01
+    )
     for frame in simulation.frames():
         ball = frame.part("ball")
         middle = (ball.position.min(axis=0) + ball.position.max(axis=0)) / 2

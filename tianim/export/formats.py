@@ -119,7 +119,7 @@ def format_named(name: str) -> Format:
     key = name.strip().lower().removeprefix(".").replace("-", "_")
     if key in FORMATS:
         return FORMATS[key]
-    by_suffix = {suffix[1:]: one.name for one in _TABLE for suffix in reversed(one.suffixes)}
+    by_suffix = {suffix[1:]: one.name for one in reversed(_TABLE) for suffix in one.suffixes}
     near = by_suffix.get(key) or next(iter(difflib.get_close_matches(key, FORMATS, 1)), None)
     hint = f"; did you mean {near!r}?" if near else ""
     raise FormatError(f"unknown format {name!r}: must be one of {', '.join(FORMATS)}{hint}")

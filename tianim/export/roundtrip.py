@@ -8,7 +8,7 @@ program's library where there is one (meshio, NumPy, h5py, USD).
 import contextlib
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ COUNTS = (0, 1, 1000)
 FRAMES = 2
 FPS = 30.0
 PART = "sample"
+GEOMETRY = ("position", "cells")
 
 
 @dataclass(frozen=True)
@@ -317,11 +318,11 @@ def _row(format_: Format) -> FormatRow:
                     trips.append(round_trip(format_, kind, count, Path(folder)))
     except MissingPartError as error:
         return FormatRow(format_.name, "", format_.about, "", "", "", str(error))
-    kinds = {kind: _geometry(trip for trip in trips if trip.kind == kind) for kind in ALL}
+    kinds = {kind: _geometry([trip for trip in trips if trip.kind == kind]) for kind in ALL}
     data: dict[str, list[str]] = {}
     for trip in trips:
         for name, fate in trip.fates.items():
-            if name not in ("position", "cells"):
+            if name not in GEOMETRY:
                 names = data.setdefault(fate, [])
                 if name not in names:
                     names.append(name)
@@ -336,15 +337,11 @@ def _row(format_: Format) -> FormatRow:
     )
 
 
-def _geometry(trips: Any) -> str:
-    """One word or two for a kind of part: `exact`, `refused`, or what differs."""
-    words = []
+def _geometry(trips: Iterable[Trip]) -> str:
+    """Some words for a kind of part: `exact`, `refused`, or what differs, also where it is empty."""
+    words: dict[bool, list[str]] = {True: [], False: []}
     for trip in trips:
-        if trip.refused:
-            words.append("refused" if trip.count else "refused when empty")
-        else:
-            words.extend(fate for name, fate in trip.fates.items() if name in ("position", "cells"))
-    different = list(dict.fromkeys(word for word in words if word != "exact"))
-    if "refused" in different:
-        return "refused"
-    return ", ".join(different) or "exact"
+        fates = ["refused"] if trip.refused else [trip.fates[name] for name in GEOMETRY if name in trip.fates]
+        words[trip.count == 0] += [fate for fate in fates if fate not in words[trip.count == 0]]
+    full, empty = (" and ".join([fate for fate in fates if fate != "exact"] or ["exact"]) for fates in (words[False], words[True]))
+    return full if empty in (full, "exact") else f"{full} (empty: {empty})"

@@ -70,31 +70,6 @@ class _Topology:
 _topology = _Topology()
 
 
-@dataclass
-class _Appended:
-    """Arrays in the order they are appended, and the XML elements that point at them."""
-
-    chunks: list[Chunk]
-    size: int = 0
-
-    def element(self, name: str, values: Array, unit: str = "") -> str:
-        """Append `values`; gives the DataArray element."""
-        values = np.ascontiguousarray(values, dtype=_file_dtype(values.dtype))
-        components = 1 if values.ndim == 1 else values.shape[1]
-        text = (
-            f'<DataArray type="{VTK_NAMES[values.dtype.str[1:]]}" Name={quoteattr(name)} '
-            f'NumberOfComponents="{components}" format="appended" offset="{self.size}"'
-        )
-        self.chunks.append(LENGTH.type(values.nbytes).tobytes())
-        if values.nbytes:
-            self.chunks.append(memoryview(values).cast("B"))
-        self.size += LENGTH.itemsize + values.nbytes
-        if not unit:
-            return text + "/>\n"
-        label = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>'
-        return f"{text}>{label}</DataArray>\n"
-
-
 def _file_dtype(dtype: np.dtype) -> np.dtype:
     """The type in the file: little endian; VTK has no bool (as uint8) and no half (as float32)."""
     if dtype.kind == "b":
@@ -102,45 +77,88 @@ def _file_dtype(dtype: np.dtype) -> np.dtype:
     return np.dtype("<f4") if dtype == np.float16 else dtype.newbyteorder("<")
 
 
+@dataclass(frozen=True)
+class _Column:
+    """An array as the file has it, with its name and unit."""
+
+    name: str
+    values: Array
+    unit: str = ""
+
+    @property
+    def size(self) -> int:
+        """Bytes that it takes, with the length before it."""
+        return LENGTH.itemsize + self.values.nbytes
+
+    def element(self, offset: int) -> str:
+        """The XML element that points at it."""
+        # The number only where there is a second axis: meshio reads (n, 1) for a stated 1, and so do we.
+        components = "" if self.values.ndim == 1 else f'NumberOfComponents="{self.values.shape[1]}" '
+        text = (
+            f'<DataArray type="{VTK_NAMES[self.values.dtype.str[1:]]}" Name={quoteattr(self.name)} '
+            f'{components}format="appended" offset="{offset}"'
+        )
+        if not self.unit:
+            return text + "/>\n"
+        label = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(self.unit)}</InformationKey>'
+        return f"{text}>{label}</DataArray>\n"
+
+
+def _column(name: str, values: Array, unit: str = "") -> _Column:
+    return _Column(name, np.ascontiguousarray(values, dtype=_file_dtype(values.dtype)), unit)
+
+
 def write_part(path: Path, part: Part, stamp: Stamp) -> None:
     """Write `part`, which is in `stamp.axes`; OutputError where the disk refuses."""
-    chunks: list[Chunk] = [b""]
-    chunks[0] = _header(part, stamp, _Appended(chunks)).encode()
+    sections = _sections(part)
+    columns = [column for section in sections.values() for column in section]
+    chunks: list[Chunk] = [_header(part, stamp, sections).encode()]
+    # The last array first: meshio finds arrays by their offsets, of which it changes those it
+    # has read, and would take one for another if they came in the order of their elements.
+    for column in reversed(columns):
+        chunks.append(column.values.nbytes.to_bytes(LENGTH.itemsize, "little"))
+        if column.values.nbytes:
+            chunks.append(memoryview(column.values).cast("B"))
     chunks.append(CLOSING)
     with whole_file(path) as temporary:
         write_chunks(temporary, chunks)
 
 
-def _header(part: Part, stamp: Stamp, appended: _Appended) -> str:
+def _sections(part: Part) -> dict[str, list[_Column]]:
+    """The arrays of the file, by section."""
     kind, cells = kind_of(part), cells_of(part)
     point_count = len(part.position)
     cell_count = point_count if cells is None else len(cells)
     nodes = KINDS[kind]
     dtype = np.dtype("<i4") if max(point_count, cell_count * nodes) < INT32_LIMIT else np.dtype("<i8")
     connectivity = _topology.rising(point_count, 1, dtype) if cells is None else cells.astype(dtype, copy=False)
-    vectors = ' Vectors="velocity"' if "velocity" in part.data else ""
-    return "".join(
-        (
-            '<?xml version="1.0"?>\n'
-            '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-            "<UnstructuredGrid>\n",
-            _field_data(kind, stamp),
-            f'<Piece NumberOfPoints="{point_count}" NumberOfCells="{cell_count}">\n<Points>\n',
-            appended.element("Points", part.position, "m"),
-            f"</Points>\n<PointData{vectors}>\n",
-            *(appended.element(name, values, part.units.get(name, "")) for name, values in part.data.items()),
-            "</PointData>\n<CellData>\n",
-            *(
-                appended.element(name, values, part.units.get(name, ""))
-                for name, values in cell_data_of(part).items()
-            ),
-            "</CellData>\n<Cells>\n",
-            appended.element("connectivity", connectivity.reshape(-1)),
-            appended.element("offsets", _topology.rising(cell_count + 1, nodes, dtype)[1:]),
-            appended.element("types", _topology.types(cell_count, CELL_TYPES[kind])),
-            "</Cells>\n</Piece>\n</UnstructuredGrid>\n",
-            APPENDED.decode(),
-        )
+    return {
+        "Points": [_column("Points", part.position, "m")],
+        "PointData": [_column(name, values, part.units.get(name, "")) for name, values in part.data.items()],
+        "CellData": [_column(name, values, part.units.get(name, "")) for name, values in cell_data_of(part).items()],
+        "Cells": [
+            _column("connectivity", connectivity.reshape(-1)),
+            _column("offsets", _topology.rising(cell_count + 1, nodes, dtype)[1:]),
+            _column("types", _topology.types(cell_count, CELL_TYPES[kind])),
+        ],
+    }
+
+
+def _header(part: Part, stamp: Stamp, sections: dict[str, list[_Column]]) -> str:
+    offset = sum(column.size for section in sections.values() for column in section)
+    body = []
+    for name, section in sections.items():
+        body.append(f"<{name}>\n")
+        for column in section:
+            offset -= column.size
+            body.append(column.element(offset))
+        body.append(f"</{name}>\n")
+    return (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f"<UnstructuredGrid>\n{_field_data(kind_of(part), stamp)}"
+        f'<Piece NumberOfPoints="{len(part.position)}" NumberOfCells="{len(sections["Cells"][-1].values)}">\n'
+        f"{''.join(body)}</Piece>\n</UnstructuredGrid>\n{APPENDED.decode()}"
     )
 
 
@@ -185,7 +203,7 @@ class _Header:
         return found
 
     def read(self, file: BinaryIO, section: str) -> dict[str, Array]:
-        """The arrays of `PointData`, `Cells` ... by name; shape (n,), or (n, k) where k > 1."""
+        """The arrays of `PointData`, `Cells` ... by name; as they were given."""
         return {element.attrib["Name"]: self._array(file, element) for element in self._find(f".//{section}")}
 
     def _array(self, file: BinaryIO, element: ElementTree.Element) -> Array:
@@ -195,8 +213,8 @@ class _Header:
         values = np.fromfile(file, dtype, size // dtype.itemsize)
         if values.nbytes != size:
             raise ValueError("cut short")
-        components = int(element.attrib["NumberOfComponents"])
-        return values if components == 1 else values.reshape(-1, components)
+        components = element.get("NumberOfComponents")
+        return values if components is None else values.reshape(-1, int(components))
 
     def units(self) -> dict[str, str]:
         """The units of the data arrays that have one."""

@@ -2,6 +2,7 @@
 
 import hashlib
 
+from tianim.errors import SceneError
 from tianim.scene.models import Scene
 from tianim.scene.summary import check_memory
 from tianim.simulation import Simulation
@@ -11,18 +12,25 @@ from tianim.systems import SYSTEMS
 
 
 def build(scene: Scene) -> Simulation:
-    """The simulation of `scene` at its start. Raises SceneError where this machine cannot hold it."""
+    """The simulation of `scene` at its start.
+
+    Raises SceneError where this machine cannot hold it, or a system finds at its start what does not fit.
+    """
     check_memory(scene)
     bodies, bounds = Bodies(scene.bodies), scene.bounds.value()
+    fields = None if scene.output.fields == "all" else frozenset(scene.output.fields)
     systems = {
-        name: _system(name, params, World(bounds, bodies, system_seed(scene.seed, name)))
+        name: _system(name, params, World(bounds, bodies, system_seed(scene.seed, name), fields))
         for name, params in scene.systems.items()
     }
     return Simulation(systems, bodies, scene.fps, scene.frame_count, bounds)
 
 
 def _system(name: str, params: SystemParams, world: World) -> System:
-    return SYSTEMS[params.kind].system(name, params, world)  # type: ignore[call-arg]  # a protocol has no __init__
+    try:
+        return SYSTEMS[params.kind].system(name, params, world)  # type: ignore[call-arg]  # a Protocol's __init__
+    except SceneError as error:
+        raise SceneError(f"systems.{name}: {error}") from None
 
 
 def system_seed(seed: int, name: str) -> int:

@@ -133,7 +133,7 @@ class _Composer(Reader, Scanner, Parser, Composer, BaseResolver):
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
         """As PyYAML's, with limits."""
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        event: Any = self.peek_event()
         line = event.start_mark.line + 1
         tag = getattr(event, "tag", None)
         if tag is not None:

@@ -60,7 +60,7 @@ PRESETS = {
         ),
         sun=(-0.65, 0.35, -0.68), key=(0.95, 0.62, 0.42), above=(0.36, 0.4, 0.52), below=(0.3, 0.24, 0.22),
         subject=("#191a24", "#8a2f16", "#27446b", "#3f5a2a"), body="#4a4650", line="#2a2a33",
-        sky=True, fog=0.3, shine=0.03, rim=0.03, elevation=-15.0, darts="birds",
+        sky=True, fog=0.22, shine=0.03, rim=0.03, elevation=-15.0, darts="birds",
     ),
     "night": Preset(
         ramp=((0, "#0a0c15"), (0.35, "#10131f"), (0.7, "#0b0d17"), (1, "#06070d")),

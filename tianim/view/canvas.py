@@ -62,7 +62,7 @@ class Sticks:
 class Blend:
     """Translucent sticks from tail to head (n, 3) [m]; radius [m], opacity, tone (n,).
 
-    `taper`: width of the tail over that of the head; `glow` above 0 adds light of that strength.
+    `taper`: width of the tail over that of the head; `joined`: sticks of a trail; `glow` above 0 adds light of that strength.
     """
 
     tail: Float
@@ -71,6 +71,7 @@ class Blend:
     opacity: Float
     tone: Float
     taper: float = 1.0
+    joined: bool = False
     glow: float = 0.0
 
 
@@ -115,7 +116,7 @@ class Canvas:
         fine = camera.copy()
         fine[[raster.FOCAL, raster.WIDTH, raster.HEIGHT]] *= self.samples
         self._see(self._key, geometry, fine)
-        scale = self._blend(geometry, camera, light)
+        scale = self._blend(geometry, camera, light, background)
         if light.stage[shade.CORNER] > 0.0 or light.sun is not None:
             self._find_shade(geometry, camera, light)
         out = np.empty((self.height, self.width, 3), np.uint8)
@@ -163,14 +164,14 @@ class Canvas:
         if len(sticks.segments):
             raster.raster_lines(key, camera, sticks.position, sticks.segments, sticks.radius, first_line)
 
-    def _blend(self, geometry: Geometry, camera: Float, light: Light) -> float:
+    def _blend(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> float:
         """Fill the light buffer; returns its steps in one unit, chosen so that no sum overflows."""
         self._light.fill(0)
         count = sum(len(blend.tail) for blend in geometry.blends)
         scale = min(LARGEST_SCALE, 2.0**31 / (4.0 * max(count, 1)))
         for blend in geometry.blends:
             raster.blend_capsules(
-                self._light, self._key, camera, light.fog, blend.tail, blend.head, blend.radius,
-                blend.opacity, blend.tone, geometry.colors, blend.taper, blend.glow, scale,
+                self._light, self._key, camera, light.fog, background, blend.tail, blend.head, blend.radius,
+                blend.opacity, blend.tone, geometry.colors, blend.taper, int(blend.joined), blend.glow, scale,
             )  # fmt: skip
         return scale

@@ -27,8 +27,12 @@ DART_SPACING = 0.85  # length of a dart over the distance of neighbours
 SPHERE_SPACING = 0.9
 DART_PIXELS = (5.5, 44.0)  # least and greatest automatic length [pixels of 720 rows]
 SPHERE_PIXELS = (1.6, 60.0)
-LINE_PIXELS = (1.3, 7.0)
+ARROW_PIXELS = (9.0, 44.0)
+ARROW_SPACING = 1.15
+LINE_PIXELS = (1.6, 7.0)
+LINE_SPACING = 0.35  # thickness of a line over the length of its segments
 FAR_BELOW = 10.0  # pixels: a shorter dart is drawn as a simpler shape
+CROWDED = 40_000  # points from which the least sizes shrink, so that they do not hide each other
 STICK_BELOW = 3.2  # pixels: a shorter dart is drawn as a plain stick with smooth edges
 MOST_SHAPES = 400_000  # more darts than this are drawn as plain sticks
 RARE = 0.02  # a species of a smaller share is drawn larger
@@ -135,12 +139,16 @@ class Draft:
     def _size(self, part: Part, kind: str) -> float:
         spacing = self._survey.spacing.get(part.name, 0.0)
         if kind == "lines":
-            least, most, share = *LINE_PIXELS, 0.15
+            least, most, share = *LINE_PIXELS, LINE_SPACING
         elif kind in ("spheres", "glow"):
             least, most, share = *SPHERE_PIXELS, SPHERE_SPACING
+        elif kind == "arrows":
+            least, most, share = *ARROW_PIXELS, ARROW_SPACING
         else:
             least, most, share = *DART_PIXELS, DART_SPACING
         wanted = spacing * share if spacing > 0.0 else 0.4 * most * self._pixel
+        if kind != "lines":
+            least *= min(1.0, max(0.3, (CROWDED / max(len(part.position), 1)) ** 0.5))
         return float(np.clip(wanted, least * self._pixel, most * self._pixel))
 
     def _rare_scales(self, part: Part) -> tuple[float, ...]:
@@ -219,9 +227,9 @@ class Draft:
         return self._preset.line if isinstance(part, Lines) else self._preset.body
 
     def _is_subject(self, part: Part) -> bool:
-        """Whether a mesh is what the film is about: there are no points or lines."""
-        others = self._survey.parts.values()
-        return isinstance(part, Mesh) and not any(isinstance(p, Points | Lines) for p in others)
+        """Whether a mesh or lines are what the film is about: there is nothing livelier in it."""
+        livelier = Points | Lines if isinstance(part, Mesh) else Points
+        return not any(isinstance(other, livelier) for other in self._survey.parts.values())
 
     def _tones(self, part: Part, style: _Resolved) -> Float:
         """Row of the colour table for each point."""
@@ -322,7 +330,7 @@ class Draft:
             return Blend(nothing, nothing, nothing[:, 0].copy(), nothing[:, 0].copy(), nothing[:, 0].copy())
         glow = 0.8 if style.kind == "glow" else 0.0
         join = [_f32(np.concatenate(rows)) for rows in (tails, heads, radii, opacities, tones)]
-        return Blend(*join, glow=glow)
+        return Blend(*join, joined=True, glow=glow)
 
     def _lines(self, part: Lines, style: _Resolved, sticks: list[Sticks], blends: list[Blend]) -> None:
         position = _f32(part.position)
@@ -335,7 +343,7 @@ class Draft:
         tone = self._tones(part, style)[segments[:, 0]]
         if style.opacity < 1.0:
             opacity = np.full(len(segments), style.opacity, np.float32)
-            blends.append(Blend(position[segments[:, 0]], position[segments[:, 1]], radius, opacity, tone))
+            blends.append(Blend(position[segments[:, 0]], position[segments[:, 1]], radius, opacity, tone, joined=True))
         else:
             sticks.append(Sticks(position, segments, radius, tone))
 

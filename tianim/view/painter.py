@@ -21,6 +21,7 @@ Float = NDArray[np.float32]
 
 CORNER_REACH = 0.06  # how far corners are looked for, over the radius of the action
 SHADOW_REACH = 2.2  # half the width of the shadow map, over the radius of the action
+MANY = 400_000  # points from which one sample a pixel must do
 
 
 class Painter:
@@ -36,7 +37,7 @@ class Painter:
         middle = int(self.survey.indices[len(self.survey.indices) // 2]) if len(self.survey.indices) else 0
         typical = self.path.at(middle, self._time(middle))
         self._draft = Draft(look, self._preset, self.survey, typical)
-        self._canvas = Canvas(*size, look.samples)
+        self._canvas = Canvas(*size, look.samples or samples_for(self.survey))
         self._backdrop = Backdrop(self._preset, *size)
         self._shadows = look.shadows if look.shadows is not None else self._preset.shadow + self._preset.corners > 0
         self._fog = self._preset.fog if look.fog is None else look.fog
@@ -95,3 +96,8 @@ def background_for(look: Look, found: Survey) -> object:
     return "studio" if parts and all(isinstance(part, Mesh) for part in parts) else "dusk"
 
 
+
+
+def samples_for(found: Survey) -> int:
+    """Samples along each side of a pixel: fewer where points are so many that they smooth each other."""
+    return 1 if sum(len(part.position) for part in found.parts.values()) >= MANY else 2

@@ -11,7 +11,7 @@ points (n, 3) float32 [m]. Pixel centres are at (i + 0.5).
 
 from typing import Any
 
-from tianim.lang import f32_1d, f32_2d, i32_2d, i64_2d, ti
+from tianim.lang import f32_1d, f32_2d, f32_3d, i32_2d, i64_2d, ti
 
 i64_3d: Any = ti.types.ndarray(dtype=ti.i64, ndim=3)
 
@@ -27,7 +27,7 @@ EMPTY = 0x7FFFFFFFFFFFFFFF  # key of a sample that shows nothing
 LOW_WORD = 0xFFFFFFFF
 MAX_PIXEL = 1.0e6  # screen coordinates are clamped to it, so that they fit an int32
 MIN_RADIUS = 0.55  # [samples]: a smaller one can fall between sample centres
-FULL_DEPTH = 3.5  # optical depth of an item that hides all (3 % shine through)
+MOST_HIDDEN = 0.98  # opacity of one blended item, where its optical depth must stay finite
 
 
 @ti.func
@@ -192,6 +192,13 @@ def raster_lines(
 
 
 @ti.func
+def share_between(sa, sb, length, x, y):
+    """Share of a pixel between the two straight ends of a screen segment."""
+    along = ((x - sa[0]) * (sb[0] - sa[0]) + (y - sa[1]) * (sb[1] - sa[1])) / ti.max(length, 1e-6)
+    return ti.min(ti.max(along + 0.5, 0.0), 1.0) * ti.min(ti.max(length - along + 0.5, 0.0), 1.0)
+
+
+@ti.func
 def faded(fog: ti.template(), depth):
     """Share of the colour that is left at `depth`; fog is (start [m], length [m], share lost over it)."""
     through = ti.max((depth - fog[0]) / fog[1], 0.0)
@@ -204,6 +211,7 @@ def blend_capsules(
     key: i64_2d,
     camera: f32_1d,
     fog: f32_1d,
+    background: f32_3d,
     tail: f32_2d,
     head: f32_2d,
     radius: f32_1d,
@@ -211,6 +219,7 @@ def blend_capsules(
     tone: f32_1d,
     colors: f32_2d,
     taper: ti.f32,
+    joined: ti.i32,
     glow: ti.f32,
     scale: ti.f32,
 ):
@@ -219,6 +228,7 @@ def blend_capsules(
     light (height, width, 2) holds red << 32 | green and blue << 32 | optical depth, in units of
     1 / scale. What is thinner than a pixel is drawn a pixel wide and as much more transparent.
     `glow` 0: they hide what is behind; else they add light of this strength and hide nothing.
+    `joined` 1: ends are cut straight, so that the sticks of a trail do not overlap.
     """
     width, height = ti.cast(camera[WIDTH], ti.i32), ti.cast(camera[HEIGHT], ti.i32)
     samples = key.shape[1] // width
@@ -231,9 +241,10 @@ def blend_capsules(
             r = ti.min(ti.max(true_radius, 0.5), MAX_PIXEL)
             length = ti.sqrt((sa[0] - sb[0]) ** 2 + (sa[1] - sb[1]) ** 2)
             thinned = true_radius * (2.0 * length + 3.14159 * true_radius) / (r * (2.0 * length + 3.14159 * r))
-            alpha = opacity[n] * ti.min(thinned, 1.0) * faded(fog, sb[2])
+            left = faded(fog, sb[2])
+            alpha = opacity[n] * ti.min(thinned, 1.0)
             row = ti.cast(tone[n], ti.i32)
-            red, green, blue = colors[row, 0] * scale, colors[row, 1] * scale, colors[row, 2] * scale
+            color = ti.Vector([colors[row, c] for c in ti.static(range(3))])
             x0 = ti.max(0, ti.cast(ti.floor(ti.min(sa[0], sb[0]) - r - 0.5), ti.i32))
             x1 = ti.min(width, ti.cast(ti.max(sa[0], sb[0]) + r + 0.5, ti.i32) + 1)
             y0 = ti.max(0, ti.cast(ti.floor(ti.min(sa[1], sb[1]) - r - 0.5), ti.i32))
@@ -243,17 +254,24 @@ def blend_capsules(
                     t, distance = along_segment(sa, sb, x + 0.5, y + 0.5)
                     here = ti.max(r * (taper + (1.0 - taper) * t), 0.5)
                     cover = ti.min(ti.max(here + 0.5 - distance, 0.0), 1.0)
+                    if joined == 1:
+                        cover *= share_between(sa, sb, length, x + 0.5, y + 0.5)
                     if glow > 0.0:
                         q = distance / (here + 0.5)
                         cover = ti.max(1.0 - q * q, 0.0) ** 2
                     depth = sa[2] + (sb[2] - sa[2]) * t
                     nearest = ti.cast(key[y * samples + samples // 2, x * samples + samples // 2] >> 32, ti.i32)
                     if cover > 0.0 and ti.bit_cast(depth, ti.i32) <= nearest:
-                        hides = -ti.log(1.0 - ti.min(alpha * cover, 0.97))
-                        strength = ti.select(glow > 0.0, alpha * cover * glow, hides)
-                        absorbed = ti.select(glow > 0.0, 0.0, hides * scale)
-                        red_green = (ti.cast(red * strength, ti.i64) << 32) | ti.cast(green * strength, ti.i64)
-                        blue_depth = (ti.cast(blue * strength, ti.i64) << 32) | ti.cast(absorbed, ti.i64)
+                        absorbed = -ti.log(1.0 - ti.min(alpha * cover, MOST_HIDDEN))
+                        strength = ti.Vector([0.0, 0.0, 0.0])
+                        for c in ti.static(range(3)):
+                            behind = background[y, x, c]
+                            strength[c] = (behind + (color[c] - behind) * left) * absorbed * scale
+                        if glow > 0.0:
+                            strength = color * (alpha * cover * glow * left * scale)
+                            absorbed = 0.0
+                        red_green = (ti.cast(strength[0], ti.i64) << 32) | ti.cast(strength[1], ti.i64)
+                        blue_depth = (ti.cast(strength[2], ti.i64) << 32) | ti.cast(absorbed * scale, ti.i64)
                         ti.atomic_add(light[y, x, 0], red_green)
                         ti.atomic_add(light[y, x, 1], blue_depth)
 

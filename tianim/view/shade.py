@@ -213,12 +213,13 @@ def find_shade(
 def averaged_shade(rough: ti.template(), depth: ti.template(), reach, x, y, z):
     """Enclosure and light at depth `z`, from the 4 x 4 pixels round (x, y) that show the same surface."""
     height, width = depth.shape[0], depth.shape[1]
-    enclosed, lit, weights = 0.0, 0.0, 1e-9
+    weights = 1e-3  # its own pixel counts always
+    enclosed, lit = weights * rough[y, x, 0], weights * rough[y, x, 1]
     for k in range(16):
         sy = ti.min(ti.max(y + k // 4 - 2, 0), height - 1)
         sx = ti.min(ti.max(x + k % 4 - 2, 0), width - 1)
         near = ti.abs(depth[sy, sx] - z) / reach
-        weight = ti.select(near < 1.0, 1.0, 1e-4 / (1.0 + near * near))
+        weight = ti.select(near < 1.0, 1.0, 0.0)
         enclosed += weight * rough[sy, sx, 0]
         lit += weight * rough[sy, sx, 1]
         weights += weight

@@ -173,7 +173,7 @@ class Couzin(Swarm):
     """The system `kind: couzin`; diagnostics `polarisation` and `milling` are p_group and m_group."""
 
     def __init__(self, name: str, params: CouzinParams, world: World) -> None:
-        super().__init__(name, params.count, 3, world.bounds, {})
+        super().__init__(name, params.count, 3, world, {})
         self.params, self.seed = params, world.seed
         self.grid = NeighborGrid(self.count, 3, world.bounds, self._reach(params.at(0.0))[2])
         self._wish = ti.ndarray(ti.f32, (3, staggered(self.count)))

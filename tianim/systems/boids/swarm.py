@@ -10,7 +10,7 @@ from tianim.errors import BlowupError, SceneError
 from tianim.frame import Points
 from tianim.lang import ti, workers
 from tianim.spatial.columns import Columns
-from tianim.system import Bounds
+from tianim.system import World
 from tianim.systems.boids.motion import PIECES, SUMS, first_fault, orientation, sums
 
 # Farther than this from the origin [m] a float32 position is coarser than a metre.
@@ -24,8 +24,8 @@ class Swarm:
     `parts` gives the first id and the count of each part that a snapshot shows.
     """
 
-    def __init__(self, name: str, count: int, dimension: int, bounds: Bounds, more: Mapping[str, int]) -> None:
-        self.name, self.count, self.dimension, self.bounds = name, count, dimension, bounds
+    def __init__(self, name: str, count: int, dimension: int, world: World, more: Mapping[str, int]) -> None:
+        self.name, self.count, self.dimension, self.world = name, count, dimension, world
         self.columns = Columns(count, {"position": 3, "velocity": 3, "lean": 1, **more})
         self.parts: dict[str, tuple[int, int]] = {name: (0, count)}
         self._fault = ti.ndarray(ti.i32, 2)
@@ -33,7 +33,7 @@ class Swarm:
 
     def inside(self, position: NDArray[np.float32]) -> NDArray[np.float32]:
         """Positions brought into the bounds: wrapped where periodic, clamped where contained."""
-        bounds, axes = self.bounds, slice(self.dimension)
+        bounds, axes = self.world.bounds, slice(self.dimension)
         if bounds.lower is None or bounds.upper is None:
             return position
         lower, upper = np.float32(bounds.lower)[axes], np.float32(bounds.upper)[axes]
@@ -46,24 +46,27 @@ class Swarm:
         return inside
 
     def snapshot(self) -> tuple[Points, ...]:
-        """Each part with velocity, orientation (quaternion, +Z ahead, +Y up) and id."""
-        position, velocity = self.columns.read("position"), self.columns.read("velocity")
+        """Each part with velocity, orientation (quaternion, +Z ahead, +Y up) and id, as the world wants."""
+        position = self.columns.read("position")
+        data: dict[str, NDArray[Any]] = {}
+        if self.world.wants("velocity"):
+            data["velocity"] = self.columns.read("velocity")
+        if self.world.wants("orientation"):
+            data["orientation"] = self._orientation()
+        if self.world.wants("id"):
+            data["id"] = np.arange(self.count, dtype=np.int32)
+        parts = []
+        for name, (first, count) in self.parts.items():
+            own = slice(first, first + count)
+            units = {"velocity": "m/s"} if "velocity" in data else {}
+            parts.append(Points(name, position[own], {key: values[own] for key, values in data.items()}, units))
+        return tuple(parts)
+
+    def _orientation(self) -> NDArray[np.float32]:
         turn = np.zeros((self.count, 4), np.float32)
         if self.count:
             orientation(self.count, self.columns["id"], self.columns["velocity"], self.columns["lean"], turn)
-        return tuple(
-            Points(
-                name,
-                position[first : first + count],
-                {
-                    "velocity": velocity[first : first + count],
-                    "orientation": turn[first : first + count],
-                    "id": np.arange(first, first + count, dtype=np.int32),
-                },
-                {"velocity": "m/s"},
-            )
-            for name, (first, count) in self.parts.items()
-        )
+        return turn
 
     def diagnostics(self) -> dict[str, float]:
         """Polarisation |mean v/|v||, mean and largest speed [m/s], centre [m], of all species."""

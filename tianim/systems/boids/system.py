@@ -46,8 +46,8 @@ class Boids(Swarm):
     """The system `kind: boids`. Arrays: position (n, 3) [m], velocity (n, 3) [m/s], lean (n,), the tangent of the bank."""
 
     def __init__(self, name: str, params: BoidsParams, world: World) -> None:
-        super().__init__(name, params.particle_count(), params.dimension, world.bounds, {"species": -1})
-        self.params, self.world = params, world
+        super().__init__(name, params.particle_count(), params.dimension, world, {"species": -1})
+        self.params = params
         self.names = list(params.all_species())
         self._place()
         now = params.at(0.0)

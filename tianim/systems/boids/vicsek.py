@@ -122,7 +122,7 @@ class Vicsek(Swarm):
     """The system `kind: vicsek`; `polarisation` is the paper's order parameter v_a."""
 
     def __init__(self, name: str, params: VicsekParams, world: World) -> None:
-        super().__init__(name, params.count, 2, world.bounds, {})
+        super().__init__(name, params.count, 2, world, {})
         self.params, self.seed = params, world.seed
         self.grid = NeighborGrid(self.count, 2, world.bounds, params.radius)
         self._turned = ti.ndarray(ti.f32, (2, staggered(self.count)))

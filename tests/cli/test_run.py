@@ -1,0 +1,299 @@
+"""`tianim run`: what it writes, what it refuses to overwrite, how it resumes, how it fails."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command import FRAMES, Cli, Start, frame_bytes
+
+from tianim import checkpoint, metrics
+from tianim.run_folder import Run
+
+QUICK = ("--no-preview",)
+
+
+def record(folder: Path) -> dict[str, object]:
+    return json.loads((folder / "run.json").read_text())  # type: ignore[no-any-return]
+
+
+def test_a_run_writes_frames_metrics_checkpoints_and_a_record(scene: Path, cli: Cli) -> None:
+    result = cli("run", scene, *QUICK)
+    assert result.exit_code == 0
+    assert "out/dust/frames" in result.stdout
+    assert "out/dust/metrics.csv" in result.stdout
+    folder = Path("out/dust")
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "checkpoints",
+        "frames",
+        "metrics.csv",
+        "run.json",
+    ]
+    names = {f"dust_{index:04d}.vtu" for index in range(FRAMES)}
+    assert frame_bytes(folder).keys() == names | {"dust.pvd", "dust.vtu.series"}
+    assert [row["frame"] for row in metrics.read(folder / "metrics.csv")] == list(range(FRAMES))
+    assert [path.name for path in sorted((folder / "checkpoints").iterdir())] == [
+        "frame_0005.npz",
+        "frame_0006.npz",
+    ]
+    assert [frame.index for frame in Run.open(folder).frames()] == list(range(FRAMES))
+
+
+def test_the_record_says_what_was_run(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "dust.count=5", "--threads", 2, *QUICK)
+    said = record(Path("out/dust"))
+    expected = {
+        "state": "done",
+        "seed": 3,
+        "fps": 24.0,
+        "frame_count": FRAMES,
+        "frames_done": FRAMES,
+        "arch": "cpu",
+        "threads": 2,
+        "command": ["tianim", "run", str(scene), "dust.count=5", "--threads", "2", "--no-preview"],
+    }
+    assert {key: said[key] for key in expected} == expected
+    assert said["scene"]["systems"]["dust"]["count"] == 5  # type: ignore[index]
+    assert said["scene"]["systems"]["dust"]["noise"] == 1.0  # type: ignore[index]  # a default
+    assert {"tianim", "python", "compiler", "numpy"} <= said["versions"].keys()  # type: ignore[attr-defined]
+    assert {"processor", "cores"} <= said["machine"].keys()  # type: ignore[attr-defined]
+    assert said["seconds"] > 0  # type: ignore[operator]
+
+
+def test_frames_and_out_and_quiet(scene: Path, cli: Cli) -> None:
+    result = cli("run", scene, "--frames", 3, "--out", "elsewhere", "--quiet", *QUICK)
+    assert (result.exit_code, result.output) == (0, "")
+    assert len(Run.open(Path("elsewhere")).frames()) == 3
+    assert not Path("out").exists()
+
+
+def test_other_formats_go_beside(scene: Path, cli: Cli) -> None:
+    assert cli("run", scene, "--format", "vtu,npz", *QUICK).exit_code == 0
+    assert {f"dust_{index:04d}.npz" for index in range(FRAMES)} < frame_bytes(Path("out/dust")).keys()
+
+
+def files(folder: Path) -> dict[str, tuple[int, bytes]]:
+    return {
+        str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.read_bytes())
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ((), "holds a finished run of this scene: --overwrite makes it anew"),
+        (("dust.count=21",), "other settings (systems.dust.count was 20, is 21)"),
+        (("seed=4", "--resume"), "other settings (seed was 3, is 4)"),
+        (("--format", "npz", "--resume"), "output.formats"),
+        (("--resume", "--overwrite"), "give one of them"),
+        (("--overwrite", "dust.count=-1"), "dust.count"),
+        (("--overwrite", "--format", "docx"), "docx"),
+        (("--overwrite", "--frames", "0"), "--frames"),
+        (("--overwrite", "--threads", "0"), "--threads"),
+        (("--overwrite", "--arch", "abacus"), "--arch"),
+    ],
+)
+def test_a_run_is_not_overwritten_by_mistake(
+    scene: Path, cli: Cli, arguments: tuple[str, ...], complaint: str
+) -> None:
+    cli("run", scene, *QUICK)
+    before = files(Path("out/dust"))
+    result = cli("run", scene, *arguments, *QUICK)
+    assert result.exit_code == 2
+    assert complaint in result.stderr
+    assert result.stderr.count("\n") <= 2
+    assert files(Path("out/dust")) == before
+
+
+def test_overwrite_removes_what_the_run_before_made_and_nothing_else(scene: Path, cli: Cli) -> None:
+    cli("run", scene, *QUICK)
+    Path("out/dust/notes.txt").write_text("mine")
+    assert cli("run", scene, "seed=4", "--frames", 2, "--overwrite", *QUICK).exit_code == 0
+    assert len(Run.open(Path("out/dust")).frames()) == 2
+    assert sorted(path.name for path in Path("out/dust/checkpoints").iterdir()) == ["frame_0001.npz"]
+    assert "dust_0006.vtu" not in frame_bytes(Path("out/dust"))
+    assert Path("out/dust/notes.txt").read_text() == "mine"
+
+
+def test_a_folder_with_other_peoples_frames_is_refused(scene: Path, cli: Cli) -> None:
+    Path("mine/frames").mkdir(parents=True)
+    result = cli("run", scene, "--out", "mine", *QUICK)
+    assert result.exit_code == 2
+    assert "mine: holds frames but no run.json" in result.stderr
+    assert not any(Path("mine/frames").iterdir())
+
+
+@pytest.mark.parametrize("out", ["dust.yaml", "dust.yaml/run", "/proc/tianim", "a\0b", "x" * 5000])
+def test_an_output_that_cannot_be_a_folder_is_refused(scene: Path, cli: Cli, out: str) -> None:
+    before = scene.read_text()
+    result = cli("run", scene, "--out", out, *QUICK)
+    assert result.exit_code == 2
+    assert "--out" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert scene.read_text() == before
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"tianim_run": 99}'])
+def test_a_record_that_cannot_be_read_is_refused(scene: Path, cli: Cli, text: str) -> None:
+    Path("out/dust").mkdir(parents=True)
+    Path("out/dust/run.json").write_text(text)
+    result = cli("run", scene, *QUICK)
+    assert result.exit_code == 2
+    assert "run.json" in result.stderr
+
+
+def test_resume_after_the_end_does_nothing_and_longer_goes_on(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "--out", "straight", *QUICK)
+    cli("run", scene, "--frames", 4, *QUICK)
+    before = frame_bytes(Path("out/dust"))
+    assert cli("run", scene, "--frames", 4, "--resume", *QUICK).exit_code == 0
+    assert frame_bytes(Path("out/dust")) == before
+    assert cli("run", scene, "--resume", *QUICK).exit_code == 0
+    assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
+
+
+def test_resume_takes_another_look_and_length(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "--frames", 3, *QUICK)
+    result = cli("run", scene, "duration=0.5", "view.width=320", "checkpoint.every=9", "--resume", *QUICK)
+    assert result.exit_code == 0
+    run = Run.open(Path("out/dust"))
+    assert (len(run.frames()), run.record["frame_count"], run.record["scene"]["view"]["width"]) == (
+        13,
+        13,
+        320,
+    )
+
+
+def test_resume_without_a_run_starts_one(scene: Path, cli: Cli) -> None:
+    assert cli("run", scene, "--resume", *QUICK).exit_code == 0
+    assert record(Path("out/dust"))["state"] == "done"
+
+
+def test_resume_passes_a_torn_checkpoint_over(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "--out", "straight", *QUICK)
+    cli("run", scene, "--frames", 4, *QUICK)
+    newest = Path("out/dust/checkpoints/frame_0003.npz")
+    newest.write_bytes(newest.read_bytes()[:-10])
+    assert cli("run", scene, "--resume", *QUICK).exit_code == 0
+    assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
+
+
+def test_resume_by_another_compiler_is_refused(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "--frames", 3, *QUICK)
+    run = Run.open(Path("out/dust"))
+    run.save(versions={**run.record["versions"], "compiler": "quadrants 1.0"})
+    result = cli("run", scene, "--resume", *QUICK)
+    assert result.exit_code == 2
+    assert "quadrants" in result.stderr
+
+
+def test_a_blow_up_stops_the_run_and_keeps_the_checkpoint(scene: Path, cli: Cli) -> None:
+    result = cli("run", scene, f"dust.blow_up_at={4 / 24}", *QUICK)
+    assert result.exit_code == 1
+    assert result.stderr == "tianim: dust: particle 19 in frame 5: position is not finite\n"
+    said = record(Path("out/dust"))
+    assert (said["state"], said["message"]) == (
+        "failed",
+        "dust: particle 19 in frame 5: position is not finite",
+    )
+    saved = checkpoint.newest(Path("out/dust/checkpoints"))
+    assert saved is not None
+    assert saved[0] == 3
+    assert len(Run.open(Path("out/dust")).frames()) == 5
+    again = cli("run", scene, f"dust.blow_up_at={4 / 24}", *QUICK)
+    assert "holds an unfinished run (failed, 4 of 7 frames) of this scene: --resume goes on" in again.stderr
+
+
+def test_a_full_disk_stops_the_run_and_resume_goes_on(
+    scene: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cli("run", scene, "--out", "straight", *QUICK)
+    written = os.writev
+    calls = iter(range(100))
+
+    def writev(descriptor: int, chunks: object) -> int:
+        if next(calls) >= 5:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return written(descriptor, chunks)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "writev", writev)
+        result = cli("run", scene, *QUICK)
+    assert result.exit_code == 1
+    assert "dust_0005.vtu" in result.stderr
+    assert "disk is full" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert record(Path("out/dust"))["state"] == "failed"
+    assert "dust_0005.vtu" not in frame_bytes(Path("out/dust"))
+    assert not list(Path("out/dust").rglob("*.tmp"))
+    assert cli("run", scene, "--resume", *QUICK).exit_code == 0
+    assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
+
+
+# A file system of 1 MB, made without being root where the kernel allows it.
+SMALL_DISK = (
+    "mount -t tmpfs -o size=1m none small && {command}; echo status $?; df --output=avail small; {after}"
+)
+
+
+def test_a_truly_full_disk(scene: Path) -> None:
+    if subprocess.run(["unshare", "-rm", "true"], capture_output=True).returncode:
+        pytest.skip("needs user namespaces")
+    Path("small").mkdir()
+    script = Path(sys.modules["drift"].__file__ or "")
+    command = f"{sys.executable} {script} run {scene} dust.count=6000 --out small/dust --no-preview"
+    after = "cat small/dust/run.json; ls -A small/dust/checkpoints small/dust/frames"
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", SMALL_DISK.format(command=command, after=after)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(script.parents[1])},
+    )
+    assert "status 1\n" in done.stdout
+    assert "disk is full" in done.stderr or "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert '"state": "failed"' in done.stdout
+    assert ".npz" in done.stdout
+    assert ".tmp" not in done.stdout
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ctrl_c_finishes_the_frame_and_resume_goes_on(
+    scene: Path, cli: Cli, start: Start, number: signal.Signals, status: int
+) -> None:
+    slow = (scene, "dust.seconds=0.02", "duration=2", "checkpoint.every=100")
+    child = start("run", *slow, *QUICK)
+    wait_for(Path("out/dust/frames/dust_0004.vtu"), child)
+    child.send_signal(number)
+    _, said = child.communicate()
+    assert child.returncode == status
+    assert "stopped after frame" in said
+    assert f"go on with: tianim run {scene} dust.seconds=0.02 duration=2" in said
+    assert "--resume" in said
+    run = Run.open(Path("out/dust"))
+    assert (run.state, run.record["stopped_by"]) == ("stopped", number.name)
+    assert 5 <= run.record["frames_done"] == len(run.frames()) < 49
+    assert "holds an unfinished run (stopped" in cli("run", *slow, *QUICK).stderr
+    assert cli("run", *slow, "--resume", *QUICK).exit_code == 0
+    assert cli("run", *slow, "dust.seconds=0", "--out", "straight", *QUICK).exit_code == 0
+    assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
+
+
+def test_two_runs_do_not_write_to_one_folder(scene: Path, cli: Cli, start: Start) -> None:
+    slow = (scene, "dust.seconds=0.05", "duration=3")
+    child = start("run", *slow, *QUICK)
+    wait_for(Path("out/dust/frames/dust_0001.vtu"), child)
+    result = cli("run", *slow, "--resume", *QUICK)
+    assert result.exit_code == 2
+    assert "another run is writing there" in result.stderr
+
+
+def wait_for(path: Path, child: "subprocess.Popen[str]") -> None:
+    while not path.exists():
+        assert child.poll() is None, child.communicate()

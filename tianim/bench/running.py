@@ -1,0 +1,149 @@
+"""Runs cases one after another and yields their lines; peers take turns with us, round by round.
+
+Machines are noisy: only figures of one run can be compared, and of those the ones measured side
+by side. So each size is measured in rounds, and in each round we go first, then the peers.
+"""
+
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from tianim.bench.cases import CASES, Case, Task, find_case
+from tianim.bench.lines import Line, Round, summary
+from tianim.bench.peers import Peer, find_peers, note
+from tianim.bench.worker import Worker, worker
+from tianim.errors import TianimError
+
+ROUNDS = 3
+# Small sizes go on for at least so long [s], but not for ever.
+LEAST_SECONDS = 0.6
+MOST_ROUNDS = 12
+
+Measured = dict[str, list[Round]]
+
+
+def run(
+    case: str | None = None,
+    sizes: list[int] | None = None,
+    peers: Path | None = None,
+    threads: int | None = None,
+) -> "Iterator[dict[str, object]]":
+    """Measure a case, or all; yield a line (see `Line`) for each size, dimension, variant and engine.
+
+    sizes    numbers of items instead of the case's own
+    peers    folder of other programs to run beside
+    threads  worker threads, None: every core
+
+    Raises SceneError at once where the arguments are wrong, TianimError at the end where a
+    measurement failed.
+    """
+    chosen = [find_case(case)] if case is not None else list(CASES.values())
+    tasks = [(one, one.tasks(sizes, threads)) for one in chosen]
+    return _lines(tasks, peers)
+
+
+def _lines(tasks: list[tuple[Case, list[Task]]], folder: Path | None) -> "Iterator[dict[str, object]]":
+    failed = []
+    with tempfile.TemporaryDirectory(prefix="tianim-peers-") as work:
+        for case, sizes in tasks:
+            peers = find_peers(case.name, folder, Path(work)) if folder is not None else []
+            for task in sizes:
+                try:
+                    for line in _measure(case, task, peers):
+                        yield line.as_dict()
+                except TianimError as error:
+                    failed.append(f"{task.case} n={task.n} {task.dim}D: {error}")
+    if failed:
+        raise TianimError(f"bench: {len(failed)} failed: {'; '.join(failed)}")
+
+
+def _measure(case: Case, task: Task, peers: list[Peer]) -> list[Line]:
+    """Lines of one size: ours, each variant, then the peers'."""
+    ours: Measured = {}
+    theirs: dict[str, tuple[Peer, list[Round]]] = {}
+    waiting = [peer for peer in peers if task.n <= peer.largest]
+    with worker(task) as process:
+        threads = int(process.about["threads"])
+        seconds, rounds = 0.0, 0
+        while rounds < ROUNDS or seconds < LEAST_SECONDS and rounds < MOST_ROUNDS:
+            for variant, one in process.round().items():
+                ours.setdefault(variant, []).append(one)
+                seconds += 1e-3 * one.steps * one.mean_ms
+            steps = next(iter(ours.values()))[-1].steps
+            for peer in list(waiting):
+                if rounds >= ROUNDS or not _run_peer(peer, task, steps, threads, theirs) or peer.once:
+                    waiting.remove(peer)
+            rounds += 1
+        return [*_our_lines(case, process, ours, theirs), *_their_lines(task, threads, theirs)]
+
+
+def _run_peer(
+    peer: Peer, task: Task, steps: int, threads: int, theirs: dict[str, tuple[Peer, list[Round]]]
+) -> bool:
+    try:
+        name, one = peer.measure(task.n, task.dim, steps, threads)
+    except (OSError, ValueError, KeyError, subprocess.TimeoutExpired) as error:
+        note(f"{peer.command(task.n, task.dim, steps)[0]}: {error}: left out")
+        return False
+    theirs.setdefault(name, (peer, []))[1].append(one)
+    return True
+
+
+def _our_lines(
+    case: Case, process: Worker, ours: Measured, theirs: dict[str, tuple[Peer, list[Round]]]
+) -> list[Line]:
+    about, end = process.about, process.end()
+    results = {variant: summary(rounds) for variant, rounds in ours.items()}
+    first = next(iter(results.values()))
+    peers = {name: summary(rounds).mean_ms for name, (_, rounds) in theirs.items()}
+    return [
+        Line(
+            case=case.name,
+            variant=variant,
+            engine="tianim",
+            compiler=about["compiler"],
+            n=about["n"],
+            dim=about["dim"],
+            threads=about["threads"],
+            ms_per_step=one.mean_ms,
+            ns_per_item_step=1e6 * one.mean_ms / max(about["n"], 1),
+            ratio={name: one.mean_ms / mean for name, mean in peers.items()},
+            split_ms=one.split_ms,
+            ms_min=one.least_ms,
+            overhead_percent=100 * (one.mean_ms / first.mean_ms - 1) if case.compared else None,
+            peak_memory_mb=end["peak_memory_mb"],
+            bytes_per_item=end["bytes_per_item"],
+            steps=one.steps,
+            rounds=len(ours[variant]),
+        )
+        for variant, one in results.items()
+    ]
+
+
+def _their_lines(task: Task, threads: int, theirs: dict[str, tuple[Peer, list[Round]]]) -> list[Line]:
+    lines = []
+    for name, (peer, rounds) in theirs.items():
+        one = summary(rounds)
+        lines.append(
+            Line(
+                case=task.case,
+                variant="",
+                engine=name,
+                compiler=peer.compiler,
+                n=task.n,
+                dim=task.dim,
+                threads=peer.threads or threads,
+                ms_per_step=one.mean_ms,
+                ns_per_item_step=1e6 * one.mean_ms / task.n,
+                ratio={},
+                split_ms=one.split_ms,
+                ms_min=one.least_ms,
+                overhead_percent=None,
+                peak_memory_mb=None,
+                bytes_per_item=None,
+                steps=one.steps,
+                rounds=len(rounds),
+            )
+        )
+    return lines

@@ -7,7 +7,7 @@ Heavy modules are imported within the commands: `list`, `check` and `--help` mus
 import json
 import shlex
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,6 +30,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+
+
+# What the tables show of each line; `--json` gives all of it.
+BENCH_COLUMNS = (
+    "case",
+    "variant",
+    "engine",
+    "n",
+    "dim",
+    "ms_per_step",
+    "ns_per_item_step",
+    "ratio",
+    "split_ms",
+)
+VALIDATE_COLUMNS = ("system", "check", "expected", "measured", "error", "tolerance", "passed", "seconds")
 
 
 def example(*lines: str) -> str:
@@ -56,7 +71,7 @@ SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="Scene file, or a name that `tianim list` shows.")
 ]
 Overrides = Annotated[
-    list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Values to use instead of the scene's.")
+    list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Values to use instead of the scene's.")
 ]
 RunFolder = Annotated[
     Path, typer.Argument(metavar="RUN", help="Folder of a run, for example out/murmuration.")
@@ -126,10 +141,12 @@ def run(
         again = shlex.join(part for part in on if part != "--overwrite")
         note(f"stopped after frame {done.record['frames_done'] - 1}; go on with: {again}")
         raise typer.Exit(done.exit_code)
-    if not no_preview:
-        _pictures(done, (), None, quiet)
-    if not quiet:
-        _show_outputs(done, done.folder)
+    try:
+        if not no_preview:
+            _pictures(done, (), None, quiet)
+    finally:  # the frames are there, whatever becomes of the pictures
+        if not quiet:
+            _show_outputs(done, done.folder)
 
 
 def _simulate(folder: Path, scene: "Scene", options: "RunOptions", quiet: bool) -> "Run":
@@ -158,6 +175,7 @@ def _show_outputs(done: "Run", folder: Path) -> None:
         "metrics.csv": "diagnostics a frame",
         "preview.png": "picture",
         "preview.mp4": "film",
+        "preview.webp": "film",
         "contact_sheet.png": "poses over time",
         "metrics.png": "diagnostics over time",
     }
@@ -242,7 +260,7 @@ def export(
     if table:
         from tianim.export import formats_table
 
-        show_table("formats", formats_table())
+        show_table("what each format keeps", [asdict(row) for row in formats_table()])
         return
     if run_folder is None or formats is None:
         raise SceneError(
@@ -263,14 +281,22 @@ def export(
 
 
 @app.command(epilog=example("tianim render out/murmuration camera.azimuth=60 background=night"))
-def render(run_folder: RunFolder, overrides: Overrides = None, out: Out = None, quiet: Quiet = False) -> None:
+def render(
+    run_folder: RunFolder,
+    overrides: Overrides = None,
+    out: Out = None,
+    threads: Threads = None,
+    quiet: Quiet = False,
+) -> None:
     """Draw pictures and film of a run.
 
     Keys are those of the scene's `view`.
     """
+    from tianim import runtime
     from tianim.run_folder import Run
 
     done = Run.open(run_folder)
+    runtime.start("cpu", threads)
     _pictures(done, overrides or (), out, quiet)
     if not quiet:
         _show_outputs(done, out or done.folder)
@@ -282,16 +308,16 @@ def view(run_folder: RunFolder, overrides: Overrides = None) -> None:
 
     Goes through its frames; needs a display.
     """
+    from tianim import runtime
     from tianim.run_folder import Run
     from tianim.view import view_run
 
     done = Run.open(run_folder)
-    view_run(done.frames(), _look(done, overrides or ()), done.record["fps"])
+    runtime.start()
+    view_run(done.frames(), _look(done, overrides or ()), run_folder.name)
 
 
-@app.command(
-    epilog=example("tianim sweep vicsek boids.noise=0.1,0.2,0.4 seed=1,2,3 --jobs 2 --out out/vicsek_noise")
-)
+@app.command(epilog=example("tianim sweep vicsek vicsek.noise=0.1,0.2,0.4 seed=1,2,3 --jobs 2"))
 def sweep(
     scene: SceneName,
     values: Annotated[
@@ -307,8 +333,9 @@ def sweep(
 ) -> None:
     """Run every combination of some values.
 
-    Each is a run in a process of its own. Ends with a table of the last frame's metrics, also in sweep.csv. A combination that fails is
-    shown and does not stop the others; the exit code is then 1.
+    Each is a run in a process of its own. Ends with a table of the last frame's metrics, also in
+    sweep.csv. A combination that fails is shown and does not stop the others; the exit code is
+    then 1.
     """
     from tianim.runtime import available_cores
     from tianim.sweep import Sweep, run_sweep
@@ -320,7 +347,7 @@ def sweep(
     extra += ["--no-preview"] * (not preview)
     plan = Sweep(scene, tuple(values), folder, max(1, available_cores() // jobs), tuple(extra))
     results = run_sweep(plan, jobs, lambda result: note(result.line()))
-    show_table(f"sweep of {scene}", [result.row() for result in results])
+    show_table(f"sweep of {scene}", [result.row() for result in results], only_fitting=True)
     say(str(folder / "sweep.csv"))
     if any(result.failed for result in results):
         raise typer.Exit(1)
@@ -339,9 +366,10 @@ def bench(
     as_json: Json = False,
 ) -> None:
     """Measure the speed of the kernels."""
+    numbers = _numbers(sizes)
     from tianim import bench as cases
 
-    _judge("bench", cases.run(case, _numbers(sizes), peers, threads), as_json)
+    _judge("bench", cases.run(case, numbers, peers, threads), as_json, BENCH_COLUMNS)
 
 
 @app.command(epilog=example("tianim validate boids --out out/validation"))
@@ -359,7 +387,7 @@ def validate(
     """
     from tianim import validate as checks
 
-    _judge("validation", checks.run(system, slow, out), as_json)
+    _judge("validation", checks.run(system, slow, out), as_json, VALIDATE_COLUMNS)
 
 
 @app.command(epilog=example("tianim info"))
@@ -375,12 +403,15 @@ def info() -> None:
 
 
 def _pictures(done: "Run", overrides: Sequence[str], out: Path | None, quiet: bool) -> None:
-    """Draw a run. What a missing part keeps from being made is said; the frames are there all the same."""
+    """Draw a run; the runtime must have been started. What was chosen or left out is said."""
     from tianim.view import render_run
 
     look = _look(done, overrides)
+    say_so = (lambda line: None) if quiet else note
     with Bar("drawing", quiet) as bar:
-        render_run(done.frames(), look, out or done.folder, done.metrics, done.record["fps"], bar.so_far)
+        render_run(
+            done.frames(), look, out or done.folder, done.record["fps"], done.metrics, bar.so_far, say_so
+        )
 
 
 def _look(done: "Run", overrides: Sequence[str]) -> "Look":
@@ -391,7 +422,7 @@ def _look(done: "Run", overrides: Sequence[str]) -> "Look":
     return section(Look, done.record["scene"]["view"], [text.removeprefix("view.") for text in overrides])
 
 
-def _judge(title: str, results: Iterable[dict[str, Any]], as_json: bool) -> None:
+def _judge(title: str, results: Iterable[dict[str, Any]], as_json: bool, columns: Sequence[str]) -> None:
     """Show results as they come; exit code 1 where one did not pass."""
     passed = True
     if as_json:
@@ -399,7 +430,7 @@ def _judge(title: str, results: Iterable[dict[str, Any]], as_json: bool) -> None
             say(json.dumps(row))
             passed = passed and row.get("passed", True)
     else:
-        with live_table(title) as add:
+        with live_table(title, columns) as add:
             for row in results:
                 add(row)
                 passed = passed and row.get("passed", True)

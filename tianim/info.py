@@ -23,7 +23,8 @@ PARTS = {
     "usd-core": ("usd-core",),
     "quadrants": ("quadrants",),
 }
-IMPORT_NAMES = {"usd-core": "pxr"}
+# What shows that a part can be used; Open3D's own system libraries may need help.
+TRIALS = {"usd-core": "import pxr", "open3d": "from tianim.view.open3d_view import load; load()"}
 ARCHES = ("cpu", "cuda", "vulkan")
 # A driver that does not answer in this time counts as not usable [s].
 PROBE_SECONDS = 60.0
@@ -63,12 +64,10 @@ def back_ends() -> dict[str, str]:
 def parts() -> dict[str, str]:
     """Version of each optional part, and why it is not usable where its import fails."""
     there = {name: installed(*packages) for name, packages in PARTS.items()}
-    imports = {
-        name: f"import {IMPORT_NAMES.get(name, name)}" for name in PARTS if there[name] != "not installed"
-    }
+    trials = {name: TRIALS.get(name, f"import {name}") for name in PARTS if there[name] != "not installed"}
     return there | {
         name: there[name] if result == "usable" else f"{there[name]}, {result}"
-        for name, result in probe(imports).items()
+        for name, result in probe(trials).items()
     }
 
 

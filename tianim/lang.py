@@ -5,9 +5,15 @@ environment has `TIANIM_COMPILER=quadrants`. Importing this module starts nothin
 """
 
 import os
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 COMPILERS = ("taichi", "quadrants")
+# What to do where one cannot be loaded. Taichi's wheel for Linux needs a library of the system's.
+CURES = {
+    "taichi": "on Debian and Ubuntu: apt-get install libx11-6",
+    "quadrants": "pip install 'tianim[quadrants]'",
+}
 COMPILER = os.environ.get("TIANIM_COMPILER", "taichi")
 
 # Both compilers greet on standard output when imported, which would spoil `--json`.
@@ -16,21 +22,15 @@ os.environ.setdefault("ENABLE_QUADRANTS_HEADER_PRINT", "0")
 
 if TYPE_CHECKING:
     ti: Any
-elif COMPILER == "taichi":
-    import taichi as ti
-elif COMPILER == "quadrants":
-    try:
-        import quadrants as ti
-    except ImportError as error:
-        from tianim.errors import MissingPartError
-
-        raise MissingPartError(
-            "TIANIM_COMPILER=quadrants: the package is not installed (pip install 'tianim[quadrants]')"
-        ) from error
 else:
-    from tianim.errors import SceneError
+    from tianim.errors import MissingPartError, SceneError
 
-    raise SceneError(f"TIANIM_COMPILER={COMPILER!r}: must be one of {', '.join(COMPILERS)}")
+    if COMPILER not in COMPILERS:
+        raise SceneError(f"TIANIM_COMPILER={COMPILER!r}: must be one of {', '.join(COMPILERS)}")
+    try:
+        ti = import_module(COMPILER)
+    except ImportError as error:
+        raise MissingPartError(f"{COMPILER} cannot be loaded: {error} ({CURES[COMPILER]})") from error
 
 # Kernel arguments: scalar arrays only (arrays of vectors leak and vectorise badly on a CPU).
 f32_1d: Any = ti.types.ndarray(dtype=ti.f32, ndim=1)

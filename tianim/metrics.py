@@ -23,7 +23,10 @@ def read(path: Path) -> list[dict[str, float]]:
     if not path.is_file():
         return []
     lines = path.read_text(encoding="utf-8").split("\n")[:-1]  # what has no line end is torn
-    return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(lines)]
+    return [
+        {key: int(value) if key in WHOLE else float(value) for key, value in row.items()}
+        for row in csv.DictReader(lines)
+    ]
 
 
 class Metrics:

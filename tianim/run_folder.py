@@ -44,6 +44,7 @@ OUTPUTS = (
     "metrics.csv",
     "checkpoints",
     "preview.mp4",
+    "preview.webp",
     "preview.png",
     "contact_sheet.png",
     "metrics.png",

@@ -48,6 +48,17 @@ class Sweep:
             raise SceneError(f"sweep: more than {MOST_RUNS:,} combinations")
         return [dict(zip(axes, one, strict=True)) for one in chosen]
 
+    @staticmethod
+    def folder_of(values: Mapping[str, str]) -> str:
+        """`count=1000_seed=2`: the last words of the keys; a digest where that is long or ambiguous."""
+        short = [key.rpartition(".")[2] for key in values]
+        keys = short if len(set(short)) == len(short) else list(values)
+        plain = "_".join(f"{key}={value}" for key, value in zip(keys, values.values(), strict=True))
+        name = re.sub(r"[^A-Za-z0-9=._+-]", "-", plain)
+        if name == plain and len(name) <= LONGEST_NAME:
+            return name
+        return f"{name[:LONGEST_NAME]}_{hashlib.blake2b(plain.encode(), digest_size=4).hexdigest()}"
+
 
 @dataclass(frozen=True)
 class Result:
@@ -94,7 +105,7 @@ def run_sweep(sweep: Sweep, jobs: int, report: Callable[[Result], None]) -> list
 
 
 def _run_one(sweep: Sweep, values: Mapping[str, str]) -> Result:
-    folder = sweep.folder / _folder_name(values)
+    folder = sweep.folder / Sweep.folder_of(values)
     overrides = [f"{key}={value}" for key, value in values.items()]
     command = [
         sys.executable,
@@ -135,17 +146,6 @@ def _split(values: str) -> list[str]:
         else:
             found[-1] += letter
     return [value.strip() for value in found]
-
-
-def _folder_name(values: Mapping[str, str]) -> str:
-    """`count=1000_seed=2`: the last words of the keys; a digest where that is long or would be ambiguous."""
-    short = [key.rpartition(".")[2] for key in values]
-    keys = short if len(set(short)) == len(short) else list(values)
-    plain = "_".join(f"{key}={value}" for key, value in zip(keys, values.values(), strict=True))
-    name = re.sub(r"[^A-Za-z0-9=._+-]", "-", plain)
-    if name == plain and len(name) <= LONGEST_NAME:
-        return name
-    return f"{name[:LONGEST_NAME]}_{hashlib.blake2b(plain.encode(), digest_size=4).hexdigest()}"
 
 
 def _csv(results: list[Result]) -> str:

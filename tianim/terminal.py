@@ -14,10 +14,13 @@ from typer.core import TyperGroup
 from tianim.errors import TianimError
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress, TaskID
     from rich.table import Table
 
 NAME = "tianim"
+# Columns of text of a table that goes to a file or a pipe.
+FILE_WIDTH = 160
 
 
 def say(text: str) -> None:
@@ -45,14 +48,15 @@ class Commands(TyperGroup):
     left is a defect of the program and keeps its traceback.
     """
 
-    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> None:
+    def main(self, args: Sequence[str] | None = None, *_: object, **extra: Any) -> None:
         """Run the command of `args` (default: of the process) and end with its exit code."""
         arguments = list(sys.argv[1:] if args is None else args)
-        sys.exit(self._status(arguments, {**extra, "standalone_mode": False}))
+        extra |= {"prog_name": NAME, "standalone_mode": False, "obj": arguments}
+        sys.exit(self._status(arguments, extra))
 
     def _status(self, arguments: list[str], extra: dict[str, Any]) -> int:
         try:
-            return super().main(arguments, NAME, obj=arguments, **extra) or 0
+            return super().main(arguments, **extra) or 0
         except TianimError as error:
             note(f"{NAME}: {error}")
             return error.exit_code
@@ -133,51 +137,58 @@ class Bar:
 
 
 @contextmanager
-def live_table(title: str) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Give a function that adds a row to a table growing on standard output; all rows have the same keys."""
-    from rich.console import Console
+def live_table(title: str, columns: Sequence[str]) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Give a function that adds a row to a table growing on standard output; it shows these columns."""
     from rich.live import Live
-    from rich.text import Text
 
-    table: Table | None = None
-    with Live(console=Console()) as live:
+    table = _table(title, columns)
+    with Live(console=_console()) as live:
 
         def add(row: Mapping[str, Any]) -> None:
-            nonlocal table
-            if table is None:
-                table = _table(title, tuple(row))
-                live.update(table)
-            table.add_row(*(Text(cell(value)) for value in row.values()))
+            _add(table, row, columns)
+            live.update(table)
 
         yield add
 
 
-def show_table(title: str, table_rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print a table with the columns of all rows, as many as the terminal is wide."""
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console()
+def show_table(title: str, table_rows: Sequence[Mapping[str, Any]], only_fitting: bool = False) -> None:
+    """Print a table with the columns of all rows, wrapped, or only as many as fit into the terminal."""
+    console = _console()
     names = list(dict.fromkeys(name for row in table_rows for name in row))
+    if only_fitting:
+        names = _fitting(names, table_rows, console.width)
+    table = _table(title, names)
+    for row in table_rows:
+        _add(table, row, names)
+    console.print(table)
+
+
+def _fitting(names: Sequence[str], table_rows: Sequence[Mapping[str, Any]], room: int) -> list[str]:
     shown: list[str] = []
     width = 1
     for name in names:
         width += 3 + max(len(cell(value)) for value in (name, *(row.get(name) for row in table_rows)))
-        if width <= console.width or not shown:
+        if width <= room or not shown:
             shown.append(name)
-    table = _table(title, shown)
-    for row in table_rows:
-        table.add_row(*(Text(cell(row.get(name))) for name in shown))
-    console.print(table)
+    return shown
 
 
 def cell(value: Any) -> str:
-    """A value as a cell of a table."""
+    """A value as text for a cell of a table."""
     if value is None:
         return ""
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {cell(item)}" for name, item in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _console() -> "Console":
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=FILE_WIDTH)
 
 
 def _table(title: str, names: Sequence[str]) -> "Table":
@@ -187,3 +198,10 @@ def _table(title: str, names: Sequence[str]) -> "Table":
     for name in names:
         table.add_column(name, overflow="fold")
     return table
+
+
+def _add(table: "Table", row: Mapping[str, Any], names: Sequence[str]) -> None:
+    from rich.text import Text
+
+    # As Text: a list in brackets is no markup.
+    table.add_row(*(Text(cell(row.get(name))) for name in names))

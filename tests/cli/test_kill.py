@@ -20,7 +20,7 @@ LONGEST_WAIT = 0.25
 
 
 def kill_until_done(start: Start, arguments: tuple[object, ...], kills: int, seed: int) -> int:
-    """Start, kill and resume the run `kills` times, then let it end; give the number of kills during a write."""
+    """Start, kill and resume the run `kills` times, then let it end; count the kills during a write."""
     dice = random.Random(seed)
     folder = Path("killed")
     during_write = 0
@@ -73,17 +73,10 @@ def test_a_killed_run_resumes_to_the_same_bytes(
 ) -> None:
     # A slower scene for more kills: each must find frames still to be made.
     length = FRAMES * max(1, kills // 2)
-    arguments = (
-        scene,
-        f"dust.count={count}",
-        "fps=25",
-        f"duration={(length - 1) / 25}",
-        "checkpoint.every=3",
-    )
-    arguments += ("dust.time_step=1", "dust.seconds=0.03")
+    arguments: tuple[object, ...] = (scene, f"dust.count={count}", "dust.time_step=1", "dust.seconds=0.03")
+    arguments += ("fps=25", f"duration={(length - 1) / 25}", "checkpoint.every=3")
     assert kill_until_done(start, arguments, kills, seed=count) > 0
-    straight = (*arguments, "dust.seconds=0", "--out", "straight", "--no-preview")
-    assert cli("run", *straight).exit_code == 0
+    assert cli("run", *arguments, "dust.seconds=0", "--out", "straight", "--no-preview").exit_code == 0
     ours, theirs = frame_bytes(Path("killed")), frame_bytes(Path("straight"))
     assert len(theirs) == length + 2
     assert ours.keys() == theirs.keys()

@@ -7,18 +7,20 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from command import FRAMES, Cli, Start, frame_bytes
 
 from tianim import checkpoint, metrics
 from tianim.run_folder import Run
+from tianim.scene import load_scene
 
 QUICK = ("--no-preview",)
 
 
-def record(folder: Path) -> dict[str, object]:
-    return json.loads((folder / "run.json").read_text())  # type: ignore[no-any-return]
+def record(folder: Path) -> dict[str, Any]:
+    return cast(dict[str, Any], json.loads((folder / "run.json").read_text()))
 
 
 def test_a_run_writes_frames_metrics_checkpoints_and_a_record(scene: Path, cli: Cli) -> None:
@@ -57,11 +59,11 @@ def test_the_record_says_what_was_run(scene: Path, cli: Cli) -> None:
         "command": ["tianim", "run", str(scene), "dust.count=5", "--threads", "2", "--no-preview"],
     }
     assert {key: said[key] for key in expected} == expected
-    assert said["scene"]["systems"]["dust"]["count"] == 5  # type: ignore[index]
-    assert said["scene"]["systems"]["dust"]["noise"] == 1.0  # type: ignore[index]  # a default
-    assert {"tianim", "python", "compiler", "numpy"} <= said["versions"].keys()  # type: ignore[attr-defined]
-    assert {"processor", "cores"} <= said["machine"].keys()  # type: ignore[attr-defined]
-    assert said["seconds"] > 0  # type: ignore[operator]
+    assert said["scene"]["systems"]["dust"]["count"] == 5
+    assert said["scene"]["systems"]["dust"]["noise"] == 1.0  # a default
+    assert {"tianim", "python", "compiler", "numpy"} <= said["versions"].keys()
+    assert {"processor", "cores"} <= said["machine"].keys()
+    assert said["seconds"] > 0
 
 
 def test_frames_and_out_and_quiet(scene: Path, cli: Cli) -> None:
@@ -156,6 +158,19 @@ def test_resume_after_the_end_does_nothing_and_longer_goes_on(scene: Path, cli: 
     assert frame_bytes(Path("out/dust")) == before
     assert cli("run", scene, "--resume", *QUICK).exit_code == 0
     assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
+
+
+@pytest.mark.parametrize("name", ["murmuration", "fish_school", "vicsek", "couzin"])
+def test_the_scenes_of_the_project_resume_to_the_same_bytes(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = load_scene(name)
+    small = [f"{key}.count=300" for key in scene.systems]
+    assert cli("run", name, *small, "--frames", 7, "--out", "straight", *QUICK).exit_code == 0
+    assert cli("run", name, *small, "--frames", 4, "--out", "resumed", *QUICK).exit_code == 0
+    assert cli("run", name, *small, "--frames", 7, "--out", "resumed", "--resume", *QUICK).exit_code == 0
+    assert frame_bytes(Path("resumed")) == frame_bytes(Path("straight"))
 
 
 def test_resume_takes_another_look_and_length(scene: Path, cli: Cli) -> None:
@@ -263,33 +278,42 @@ def test_a_truly_full_disk(scene: Path) -> None:
     assert ".tmp" not in done.stdout
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_ctrl_c_finishes_the_frame_and_resume_goes_on(
-    scene: Path, cli: Cli, start: Start, number: signal.Signals, status: int
-) -> None:
-    slow = (scene, "dust.seconds=0.02", "duration=2", "checkpoint.every=100")
-    child = start("run", *slow, *QUICK)
+SLOW = ("dust.seconds=0.01", "duration=1", "checkpoint.every=100")
+
+
+def test_ctrl_c_finishes_the_frame_and_resume_goes_on(scene: Path, cli: Cli, start: Start) -> None:
+    child = start("run", scene, *SLOW, *QUICK)
     wait_for(Path("out/dust/frames/dust_0004.vtu"), child)
-    child.send_signal(number)
+    child.send_signal(signal.SIGINT)
     _, said = child.communicate()
-    assert child.returncode == status
+    assert child.returncode == 130
     assert "stopped after frame" in said
-    assert f"go on with: tianim run {scene} dust.seconds=0.02 duration=2" in said
-    assert "--resume" in said
+    assert f"go on with: tianim run {scene} {' '.join((*SLOW, *QUICK))} --resume" in said
     run = Run.open(Path("out/dust"))
-    assert (run.state, run.record["stopped_by"]) == ("stopped", number.name)
-    assert 5 <= run.record["frames_done"] == len(run.frames()) < 49
-    assert "holds an unfinished run (stopped" in cli("run", *slow, *QUICK).stderr
-    assert cli("run", *slow, "--resume", *QUICK).exit_code == 0
-    assert cli("run", *slow, "dust.seconds=0", "--out", "straight", *QUICK).exit_code == 0
+    assert (run.state, run.record["stopped_by"]) == ("stopped", "SIGINT")
+    assert 5 <= run.record["frames_done"] == len(run.frames()) < 25
+    assert "holds an unfinished run (stopped" in cli("run", scene, *SLOW, *QUICK).stderr
+    assert cli("run", scene, *SLOW, "--resume", *QUICK).exit_code == 0
+    assert cli("run", scene, *SLOW, "dust.seconds=0", "--out", "straight", *QUICK).exit_code == 0
     assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
 
 
-def test_two_runs_do_not_write_to_one_folder(scene: Path, cli: Cli, start: Start) -> None:
-    slow = (scene, "dust.seconds=0.05", "duration=3")
-    child = start("run", *slow, *QUICK)
+def test_a_run_that_is_terminated_saves_a_checkpoint(scene: Path, start: Start) -> None:
+    child = start("run", scene, *SLOW, *QUICK)
     wait_for(Path("out/dust/frames/dust_0001.vtu"), child)
-    result = cli("run", *slow, "--resume", *QUICK)
+    child.terminate()
+    child.communicate()
+    assert child.returncode == 143
+    run = Run.open(Path("out/dust"))
+    saved = checkpoint.newest(run.checkpoints)
+    assert saved is not None
+    assert (run.record["stopped_by"], run.record["frames_done"]) == ("SIGTERM", saved[0] + 1)
+
+
+def test_two_runs_do_not_write_to_one_folder(scene: Path, cli: Cli, start: Start) -> None:
+    child = start("run", scene, *SLOW, *QUICK)
+    wait_for(Path("out/dust/frames/dust_0001.vtu"), child)
+    result = cli("run", scene, *SLOW, "--resume", *QUICK)
     assert result.exit_code == 2
     assert "another run is writing there" in result.stderr
 
@@ -297,3 +321,24 @@ def test_two_runs_do_not_write_to_one_folder(scene: Path, cli: Cli, start: Start
 def wait_for(path: Path, child: "subprocess.Popen[str]") -> None:
     while not path.exists():
         assert child.poll() is None, child.communicate()
+
+
+PICTURES = {"preview.png", "preview.mp4", "contact_sheet.png", "metrics.png"}
+SMALL = ("view.width=128", "view.height=72", "view.samples=1")
+
+
+def test_pictures_and_film_are_made_and_named(scene: Path, cli: Cli) -> None:
+    result = cli("run", scene, *SMALL)
+    assert result.exit_code == 0
+    folder = Path("out/dust")
+    assert {path.name for path in folder.iterdir()} > PICTURES
+    for name in PICTURES:
+        assert f"out/dust/{name}" in result.stdout
+    before = (folder / "preview.png").read_bytes()
+    again = cli("render", folder, "background=night", "--out", "night", "--quiet")
+    assert (again.exit_code, again.output) == (0, "")
+    assert {path.name for path in Path("night").iterdir()} == PICTURES
+    assert Path("night/preview.png").read_bytes() != before == (folder / "preview.png").read_bytes()
+    wrong = cli("render", folder, "bakground=night")
+    assert wrong.exit_code == 2
+    assert "did you mean 'background'?" in wrong.stderr

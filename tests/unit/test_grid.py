@@ -43,10 +43,19 @@ def pairs_of(lists: NeighborLists, columns: Columns) -> Pairs:
     assert offset[-1] == lists.pairs
     place = columns.state()["id"][0]
     owner = np.repeat(np.arange(lists.count), np.diff(offset))
-    pairs = np.stack([place[owner], place[lists.neighbour.to_numpy()[: lists.pairs]]], axis=1).astype(np.int64)
-    unique = np.unique(pairs, axis=0)
+    pairs = np.stack([place[owner], place[rows_of(lists)]], axis=1).astype(np.int64)
+    unique = in_order(pairs, lists.count)
     assert len(unique) == len(pairs)
     return unique
+
+
+def rows_of(lists: NeighborLists) -> NDArray[np.int32]:
+    return lists.neighbour.to_numpy()[: lists.pairs]
+
+
+def in_order(pairs: Pairs, count: int) -> Pairs:
+    """Sorted pairs of numbers below `count`, each once."""
+    return np.stack(np.divmod(np.unique(pairs[:, 0] * count + pairs[:, 1]), max(count, 1)), axis=1)
 
 
 def found(position: Positions, radius: float, bounds: Bounds, dimension: int, skin: float = 0.0) -> Pairs:
@@ -70,7 +79,7 @@ def tree(position: Positions, bounds: Bounds, dimension: int) -> tuple[cKDTree, 
 
 def expected(position: Positions, radius: float, bounds: Bounds, dimension: int) -> Pairs:
     pairs = tree(position, bounds, dimension)[0].query_pairs(radius, output_type="ndarray")
-    return np.unique(np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64), axis=0).reshape(-1, 2)
+    return in_order(np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64), len(position))
 
 
 def assert_same_pairs(position: Positions, radius: float, bounds: Bounds, dimension: int) -> None:
@@ -189,7 +198,7 @@ def test_coincident_points_are_neighbours(kind: str, dimension: int) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("kind", ["open", "contained", "periodic"])
 def test_all_in_one_cell_and_one_far_away(kind: str, dimension: int) -> None:
-    position = scattered(3000, 0.1, 0.9, dimension)
+    position = scattered(1000, 0.1, 0.9, dimension)
     position[-1, :dimension] = 63.0
     assert_same_pairs(position, 1.0, OPEN if kind == "open" else box(kind, 0.0, 64.0), dimension)
 
@@ -197,8 +206,8 @@ def test_all_in_one_cell_and_one_far_away(kind: str, dimension: int) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_lopsided_cells(dimension: int) -> None:
     """Density falls over four decades along an axis."""
-    position = scattered(5000, 0.0, 1.0, dimension)
-    position[:, 0] = 200.0 * position[:, 0] ** 6
+    position = scattered(1500, 0.0, 8.0, dimension)
+    position[:, 0] = 200.0 * (position[:, 0] / 8.0) ** 6
     assert_same_pairs(position, 0.5, OPEN, dimension)
     assert_same_pairs(position, 0.5, box("contained", 0.0, 200.0), dimension)
     assert_same_pairs(np.minimum(position, np.float32(199.99)), 0.5, box("periodic", 0.0, 200.0), dimension)
@@ -228,7 +237,7 @@ def test_pairs_on_the_lattice_of_cells() -> None:
 
 
 def test_a_narrow_periodic_box_is_refused() -> None:
-    with pytest.raises(SceneError, match="axis x is less than 3 times"):
+    with pytest.raises(SceneError, match="axis x is less than 3.003 times"):
         NeighborGrid(10, 3, box("periodic", 0.0, 2.9), 1.0)
 
 
@@ -281,16 +290,12 @@ def test_the_number_of_tasks_changes_no_byte(kind: str, monkeypatch: pytest.Monk
     assert results[0] == results[1] == results[2]
 
 
-def rows_of(lists: NeighborLists) -> NDArray[np.int32]:
-    return lists.neighbour.to_numpy()[: lists.pairs]
-
-
 def test_permuting_the_input_permutes_the_result() -> None:
     position = scattered(2000, 0.0, 10.0, 3)
     shuffled = np.random.default_rng(2).permutation(2000)
     ours = found(position, 1.0, box("periodic", 0.0, 10.0), 3)
     again = found(position[shuffled], 1.0, box("periodic", 0.0, 10.0), 3)
-    np.testing.assert_array_equal(ours, np.unique(shuffled[again], axis=0))
+    np.testing.assert_array_equal(ours, in_order(shuffled[again], 2000))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from tianim.params import (
@@ -39,7 +39,7 @@ class Outer(Params):
     place: Animated[Vector3] = (0.0, 0.0, 0.0)
     inner: Inner = Inner()
     several: tuple[Inner, ...] = ()
-    named: dict[str, Inner] = {}
+    named: dict[str, Inner] = Field({})
     count: Count = 3
 
     @cached_property
@@ -144,7 +144,7 @@ def test_cubic_that_leaves_the_limits_is_refused() -> None:
     with pytest.raises(ValidationError, match=r"the cubic curve reaches -0\.\d+ at .* pchip"):
         channel(keys, "cubic", of=NonNegative)
     with pytest.raises(ValidationError, match="the cubic curve reaches"):
-        channel([[0, [0, 1]], [1, [0.9, 1]], [2, [0.1, 0.2]]], "cubic", of=Range)
+        channel([[0, [0, 1]], [1, [1, 1]], [2, [1, 1]], [3, [0, 1]]], "cubic", of=Range)
     assert channel(keys, "pchip", of=NonNegative).value_at(0.5) == 0.0
     # It turns at the keys themselves: 0 and 1 are reached, rounding may not go beyond.
     waves = channel([[t, t % 2] for t in range(9)], "cubic", of=Number)

@@ -131,6 +131,8 @@ def test_size_limits_hold_for_data_from_code() -> None:
     circle.append(circle)
     with pytest.raises(SceneError, match="nested deeper"):
         scene_from({**DATA, "title": circle})
+    with pytest.raises(SceneError, match="seed = an integer of 16610 bits: must be less than"):
+        scene_from({**DATA, "seed": 10**5000})
     with pytest.raises(SceneError, match="must be a mapping"):
         scene_from([])  # type: ignore[arg-type]
 

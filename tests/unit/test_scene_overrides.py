@@ -107,35 +107,47 @@ def test_value_may_hold_an_equals_sign() -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("swarm.count=-1", "override swarm.count=-1: must be greater than or equal to 0"),
-        ("swarm.count=1.5", "override swarm.count=1.5: must be a whole number from 0 to 100000000"),
-        ("swarm.cuont=1", "override swarm.cuont=1: unknown key 'systems.swarm.cuont' for kind 'stub'; "
-         "did you mean 'count'? (allowed: count, helper, kind, rule, size, wishes)"),
-        ("swarm.rule.wieght=1", "override swarm.rule.wieght=1: unknown key 'systems.swarm.rule.wieght'; "
-         "did you mean 'weight'? (allowed: radius, weight)"),
-        ("swarn.count=1", "override swarn.count=1: unknown key 'swarn'; did you mean 'swarm'?"),
-        ("swarm.wishes.2.strength=1", "'2' must be a number from 0 to 1: systems.swarm.wishes is a list of 2"),
+        ("swarm.count=-1", "override {}: must be greater than or equal to 0"),
+        ("swarm.count=1.5", "override {}: must be a whole number from 0 to 100000000"),
+        (
+            "swarm.cuont=1",
+            "override {}: unknown key 'systems.swarm.cuont' for kind 'stub'; did you mean 'count'? "
+            "(allowed: count, helper, kind, rule, size, wishes)",
+        ),
+        (
+            "swarm.rule.wieght=1",
+            "override {}: unknown key 'systems.swarm.rule.wieght'; did you mean 'weight'? "
+            "(allowed: radius, weight)",
+        ),
+        ("swarn.count=1", "override {}: unknown key 'swarn'; did you mean 'swarm'?"),
+        (
+            "swarm.wishes.2.strength=1",
+            "'2' must be a number from 0 to 1: systems.swarm.wishes is a list of 2",
+        ),
         ("swarm.wishes.x=1", "'x' must be a number from 0 to 1"),
         ("swarm.wishes.0.body=a", "unknown key 'systems.swarm.wishes.0.body' for kind 'push'"),
         ("swarm.count.keys=[[0, 1]]", "systems.swarm.count may not be keyframed"),
-        ("swarm.rule.radius={keys: [[0, 1]]}",
-         "override swarm.rule.radius={keys: [[0, 1]]}: may not be keyframed; must be a number greater than 0"),
+        (
+            "swarm.rule.radius={keys: [[0, 1]]}",
+            "override {}: may not be keyframed; must be a number greater than 0",
+        ),
         ("swarm.title.x=1", "unknown key 'systems.swarm.title'"),
         ("title.x=1", "title is not a mapping; it takes text"),
-        ("swarm.size=huge", "override swarm.size=huge: must be 'auto' or a number greater than 0 or a list of 2 "
-         "numbers greater than 0"),
-        ("swarm.size=[1]", "override swarm.size=[1]: must be a list of 2 numbers greater than 0"),
-        ("swarm.size=-1", "override swarm.size=-1: must be greater than 0"),
-        ("swarm.kind=stubb", "override swarm.kind=stubb: unknown kind; did you mean 'stub'?"),
+        ("swarm.size=huge", "override {}: must be 'auto' or a number greater than 0 or a list of 2 numbers"),
+        ("swarm.size=[1]", "override {}: must be 'auto' or a number greater than 0 or a list of 2 numbers"),
+        ("swarm.size=-1", "override {}: must be greater than 0"),
+        ("swarm.kind=stubb", "override {}: unknown kind; did you mean 'stub'?"),
         ("bodies.rok.radius=1", "no bodies.rok; did you mean 'rock'?"),
-        ("swarm={kind: stub, rule: {radius: 0}}",
-         "override swarm={kind: stub, rule: {radius: 0}}: systems.swarm.rule.radius = 0: must be greater than 0"),
+        (
+            "swarm={kind: stub, rule: {radius: 0}}",
+            "override {}: systems.swarm.rule.radius = 0: must be greater than 0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_wrong_overrides_name_themselves(override: str, message: str) -> None:
     with pytest.raises(SceneError) as caught:
         scene_from(DATA, overrides=[override])
-    assert message in str(caught.value)
+    assert message.replace("{}", override) in str(caught.value)
 
 
 def test_overrides_must_be_a_list() -> None:

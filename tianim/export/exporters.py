@@ -86,22 +86,20 @@ class Exporters:
             self._series = drop_from(plan.folder, plan.resume_from + plan.options.first_number, suffixes)
 
     def write(self, frame: Frame) -> None:
-        """Write one frame in every format that has a file a frame; the record first, its indexes last."""
+        """Write one frame in every format that has a file a frame: the record and its indexes first."""
         plan = self.plan
         stamp = Stamp(frame.index, frame.time, plan.options.axes)
         number = frame.index + plan.options.first_number
-        chosen = {part.name for part in plan.chosen(frame)}
-        for part in frame.parts:
-            converted = stamp.axes.apply(part)
-            if plan.record:
-                write_part(plan.folder / frame_name(part.name, number, ".vtu"), converted, stamp)
-            if part.name in chosen:
-                for format_, module in self._writers:
-                    module.write_part(plan.folder / frame_name(part.name, number, format_.suffix), converted, stamp)
+        converted = {part.name: stamp.axes.apply(part) for part in frame.parts}
         if plan.record:
-            for part in frame.parts:
-                series = self._series.setdefault(part.name, Series(plan.folder, part.name))
-                series.add(number, frame.time)
+            for name, part in converted.items():
+                write_part(plan.folder / frame_name(name, number, ".vtu"), part, stamp)
+            for name in converted:
+                self._series.setdefault(name, Series(plan.folder, name)).add(number, frame.time)
+        for part in plan.chosen(frame):
+            for format_, module in self._writers:
+                path = plan.folder / frame_name(part.name, number, format_.suffix)
+                module.write_part(path, converted[part.name], stamp)
 
     def finish(self) -> None:
         """Write the files of the whole run, from the record."""

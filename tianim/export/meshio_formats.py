@@ -28,7 +28,8 @@ import numpy as np
 from tianim.errors import FormatError
 from tianim.export.files import whole_folder
 from tianim.export.formats import Stamp
-from tianim.export.parts import cell_data_of, cells_of, kind_of, with_components
+from tianim.export.hdf import require_room
+from tianim.export.parts import byte_count, cell_data_of, cells_of, kind_of, with_components
 from tianim.frame import Array, Part
 
 # Suffix to what `meshio.write` is told.
@@ -48,7 +49,7 @@ GEOMETRY_ONLY = {".obj", ".stl", ".off"}
 COMPONENTS = {".ply": {1}, ".vtk": {1, 3, 4, 6, 9}, ".xdmf": {1, 3, 9}, ".msh": {1, 3, 9}}
 EMPTY_FILES = {
     # Gmsh reads this; a reader of meshio's own empty file fails.
-    ".msh": "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n0 0 0 0\n$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n",
+    ".msh": "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n",
     # A point that no cell uses: VTK's reader crashes where there is none.
     ".xdmf": '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">'
     '<DataItem DataType="Float" Dimensions="1 3" Format="XML" Precision="4">0 0 0</DataItem></Geometry>'
@@ -67,6 +68,8 @@ def write_part(path: Path, part: Part, stamp: Stamp) -> None:
         if suffix in EMPTY_FILES and len(part.position) == 0:
             file.write_text(EMPTY_FILES[suffix], encoding="utf-8")
             return
+        if suffix in (".xdmf", ".med"):
+            require_room(file, byte_count(part))
         _write(file, _mesh(part, suffix))
         if suffix in (".ply", ".obj"):
             _blank_date(file)

@@ -90,8 +90,8 @@ def with_components(name: str, values: Array, allowed: Container[int] | None) ->
     return {one: np.ascontiguousarray(values[:, i]) for i, one in enumerate(component_names(name, count))}
 
 
-def byte_count(frame: Frame) -> int:
-    """Bytes of all arrays of the frame."""
+def byte_count(part: Part) -> int:
+    """Bytes of all arrays of the part."""
     total = 0
 
     def add(values: Array) -> Array:
@@ -99,8 +99,7 @@ def byte_count(frame: Frame) -> int:
         total += values.nbytes
         return values
 
-    for part in frame.parts:
-        map_arrays(part, add)
+    map_arrays(part, add)
     return total
 
 

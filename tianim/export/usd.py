@@ -10,6 +10,7 @@ with data of their own stay curves of two points. `primvars:point` tells each cu
 index in the part; points that no segment uses are left out.
 """
 
+import errno
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
-from tianim.errors import OutputError
 from tianim.export.axes import is_quaternion, is_vector
 from tianim.export.files import whole_folder
 from tianim.export.formats import RunInfo
@@ -54,7 +54,10 @@ def assemble(folder: Path, frames: Sequence[Frame], run: RunInfo) -> None:
         try:
             _write_stage(temporary / FILE_NAME, frames, run)
         except Tf.ErrorException as error:
-            raise OutputError(f"{folder / FILE_NAME}: cannot write: {str(error).strip()}") from error
+            # USD tells a full disk in many lines.
+            lines = str(error).strip().splitlines()
+            is_full = any("No space left" in line for line in lines)
+            raise OSError(errno.ENOSPC if is_full else errno.EIO, lines[0]) from error
 
 
 def _write_stage(path: Path, frames: Sequence[Frame], run: RunInfo) -> None:
@@ -88,7 +91,7 @@ def _write_stage(path: Path, frames: Sequence[Frame], run: RunInfo) -> None:
 
 def _save(stage: Any, path: Path) -> None:
     if not stage.GetRootLayer().Save():
-        raise OutputError(f"{path}: cannot write")
+        raise OSError(errno.EIO, f"USD cannot save {path.name}")
 
 
 class _Prim:

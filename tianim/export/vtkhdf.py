@@ -9,7 +9,6 @@ https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -17,7 +16,8 @@ import numpy as np
 from tianim.errors import FormatError
 from tianim.export.files import os_errors, whole_file
 from tianim.export.formats import RunInfo
-from tianim.export.parts import KINDS, cell_data_of, cells_of, kind_of
+from tianim.export.hdf import new_hdf5, require_room
+from tianim.export.parts import KINDS, byte_count, cell_data_of, cells_of, kind_of
 from tianim.export.vtu import CELL_TYPES
 from tianim.frame import Array, Frame, Part
 
@@ -33,21 +33,21 @@ def assemble(folder: Path, frames: Sequence[Frame], run: RunInfo) -> None:
         for frame in frames:
             for part in frame.parts:
                 path = folder / f"{part.name}.vtkhdf"
+                if part.name not in files:
+                    temporary = stack.enter_context(whole_file(path))
+                    files[part.name] = _PartFile(stack.enter_context(new_hdf5(temporary)))
                 with os_errors(path):
-                    if part.name not in files:
-                        files[part.name] = _PartFile(stack.enter_context(whole_file(path)))
+                    require_room(path, byte_count(part))
                     files[part.name].add(frame, part)
-        for name, file in files.items():
-            with os_errors(folder / f"{name}.vtkhdf"):
-                file.close()
+        for file in files.values():
+            file.finish()
 
 
 class _PartFile:
     """The file of one part while it grows."""
 
-    def __init__(self, path: Path) -> None:
-        self._h5 = h5py.File(path, "w", libver="latest")
-        self._root = self._h5.create_group("VTKHDF")
+    def __init__(self, file: h5py.File) -> None:
+        self._root = file.create_group("VTKHDF")
         self._root.attrs["Version"] = VERSION
         self._root.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", 16))
         for name in ("PointData", "CellData"):
@@ -108,11 +108,11 @@ class _PartFile:
             dataset[begin:] = values
         return begin
 
-    def close(self) -> None:
+    def finish(self) -> None:
+        """Write what `Steps` says."""
         steps = self._root.create_group("Steps")
         count = len(self._steps["Values"])
         steps.attrs["NSteps"] = count
         steps["NumberOfParts"] = np.ones(count, np.int64)
         for key, values in self._steps.items():
             steps[key] = np.array(values, np.float64 if key == "Values" else np.int64)
-        self._h5.close()

@@ -60,7 +60,7 @@ class FrameWriter:
         it could not be written.
         """
         frame = self._plan.select(frame)
-        if self._remote is None and byte_count(frame) >= self._large:
+        if self._remote is None and sum(map(byte_count, frame.parts)) >= self._large:
             self._local.release()
             self._remote = _Remote(replace(self._plan, resume_from=frame.index))
         if self._remote:

@@ -18,7 +18,8 @@ import numpy as np
 
 from tianim.export.files import os_errors, whole_folder
 from tianim.export.formats import RunInfo
-from tianim.export.parts import KINDS, cell_data_of, cells_of, kind_of, with_components
+from tianim.export.hdf import new_hdf5, require_room
+from tianim.export.parts import KINDS, byte_count, cell_data_of, cells_of, kind_of, with_components
 from tianim.frame import Array, Frame, Part
 
 TOPOLOGIES = {"points": "Polyvertex", "lines": "Polyline", "triangles": "Triangle"}
@@ -32,22 +33,23 @@ def assemble(folder: Path, frames: Sequence[Frame], run: RunInfo) -> None:
         files: dict[str, _PartFile] = {}
         for frame in frames:
             for part in frame.parts:
+                path = folder / f"{part.name}.xdmf"
                 if part.name not in files:
-                    path = folder / f"{part.name}.xdmf"
-                    files[part.name] = _PartFile(stack.enter_context(whole_folder(path)), part.name)
-                with os_errors(folder / f"{part.name}.h5"):
+                    temporary = stack.enter_context(whole_folder(path)) / path.name
+                    h5 = stack.enter_context(new_hdf5(temporary.with_suffix(".h5")))
+                    files[part.name] = _PartFile(temporary, h5)
+                with os_errors(path):
+                    require_room(path, byte_count(part))
                     files[part.name].add(frame, part)
         for file in files.values():
-            file.close()
+            file.finish()
 
 
 class _PartFile:
     """The two files of one part while they grow."""
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self._xml_path = folder / f"{name}.xdmf"
-        self._h5_path = folder / f"{name}.h5"
-        self._h5 = h5py.File(self._h5_path, "w", libver="latest")
+    def __init__(self, path: Path, file: h5py.File) -> None:
+        self._path, self._h5 = path, file
         self._grids: list[str] = []
         self._cells: Array | None = None
         self._topology = ""
@@ -100,13 +102,12 @@ class _PartFile:
             kind = {"Int": "Char", "UInt": "UChar"}[kind]
         return (
             f'<DataItem NumberType="{kind}" Precision="{size}" Dimensions="{" ".join(map(str, values.shape))}" '
-            f'Format="HDF">{self._h5_path.name}:{group.name}/{key}</DataItem>'
+            f'Format="HDF">{self._path.stem}.h5:{group.name}/{key}</DataItem>'
         )
 
-    def close(self) -> None:
-        with os_errors(self._h5_path):
-            self._h5.close()
-        self._xml_path.write_text(
+    def finish(self) -> None:
+        """Write the XML."""
+        self._path.write_text(
             '<?xml version="1.0"?>\n<Xdmf Version="3.0"><Domain>\n'
             '<Grid Name="run" GridType="Collection" CollectionType="Temporal">\n'
             f"{''.join(self._grids)}</Grid>\n</Domain></Xdmf>\n",

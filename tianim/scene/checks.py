@@ -27,8 +27,9 @@ def _length(scene: Scene) -> Iterator[Problem]:
 
 
 def _names(scene: Scene) -> Iterator[Problem]:
-    for name in scene.systems.keys() & scene.bodies.keys():
-        yield Problem(("systems", name), f"a system and a body have one name: {name!r}")
+    for name in scene.systems:
+        if name in scene.bodies:
+            yield Problem(("systems", name), f"a system and a body have one name: {name!r}")
 
 
 def _overlaps(scene: Scene) -> Iterator[Problem]:

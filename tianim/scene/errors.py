@@ -38,6 +38,8 @@ from tianim.scene.loading import Document
 SHOWN = 2
 # A value is cut to this many characters.
 VALUE_LENGTH = 60
+# An integer of more bits is said by its length.
+LARGEST_SHOWN = 128
 
 KEYFRAME_KEYS = tuple(Keyframes.model_fields)
 _ABSENT = object()
@@ -64,11 +66,17 @@ class _Repr(reprlib.Repr):
 
     def __init__(self) -> None:
         super().__init__()
-        self.maxlevel, self.maxstring, self.maxother, self.maxlong = 3, VALUE_LENGTH, VALUE_LENGTH, 40
+        self.maxlevel, self.maxstring, self.maxother = 3, VALUE_LENGTH, VALUE_LENGTH
         self.maxlist = self.maxtuple = self.maxdict = 4
 
     def repr_bool(self, value: bool, level: int) -> str:
         return str(value).lower()
+
+    def repr_int(self, value: int, level: int) -> str:
+        # Python does not convert integers of thousands of digits.
+        return (
+            str(value) if value.bit_length() < LARGEST_SHOWN else f"an integer of {value.bit_length()} bits"
+        )
 
     def repr_float(self, value: float, level: int) -> str:
         return f"{value:.15g}"
@@ -114,10 +122,9 @@ def problems_of(error: ValidationError, data: Any, model: Model) -> list[Problem
     problems = {}
     for place in _best_branches(places):
         # A list whose items are wrong is also called too short.
-        beneath = any(
-            len(other.path) > len(place.path) == _shared(other.path, place.path) for other in places
-        )
-        if place.details["type"] != "too_short" or not beneath:
+        here = len(place.path)
+        beneath = any(len(other.path) > here and other.path[:here] == place.path for other in places)
+        if place.type != "too_short" or not beneath:
             problem = _problem(place)
             problems[problem.path, problem.message] = problem
     return list(problems.values())
@@ -173,13 +180,6 @@ def _has(data: Any, key: str | int) -> bool:
     if isinstance(data, Mapping):
         return key in data
     return isinstance(data, list | tuple) and isinstance(key, int) and key < len(data)
-
-
-def _shared(one: Key, other: Key) -> int:
-    """Length of the beginning that two paths share."""
-    return next(
-        (i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other))
-    )
 
 
 def _best_branches(places: Sequence[_Place]) -> list[_Place]:

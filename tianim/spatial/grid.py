@@ -19,8 +19,9 @@ and scanning one run instead of 9 is what makes it fast: at 20 neighbours of 131
 NN ns a particle against NN for 9 separate runs and NN for a gather a cell (2 cores, one run).
 
 *Exactness.* In a periodic box images are made by subtracting the box length from the upper
-cells, never by adding it to the lower ones: exact in float32 (Sterbenz), so that pairs at
-r (1 - 1e-6) and r (1 + 1e-6) fall on the right side across the seam too.
+cells, never by adding it to the lower ones: exact in float32 for a box that starts at zero
+(Sterbenz), so that pairs at r (1 - 1e-6) and r (1 + 1e-6) fall on the right side across the seam
+too. In a box round the origin it errs by at most half a float32 step of the length, 6e-8 L.
 
 A kernel that walks:
 
@@ -29,7 +30,7 @@ A kernel that walks:
             gather the tube, then for each cell of the row, for each particle i of the cell:
                 for j in range(begin, begin + rounded): test and use scratch[:, j]
 
-Limits: a periodic box must be at least 3 radii wide on every axis that has more than one cell.
+Limits: a periodic box must be at least 3.003 radii wide on every axis that has more than one cell.
 """
 
 import math
@@ -48,9 +49,12 @@ CELL_MARGIN = 1.001
 # Candidates are read in vectors of 8; what is past the end of a tube lies this far away [m].
 LANES = 8
 FAR = 1e9
-# An open domain gets about this many cells for each particle.
+# An open domain gets about this many cells for each particle, a box at most: where it is larger,
+# far apart places share a cell. Periodic cells cannot, they become wider instead: hence more of them.
 CELLS_PER_PARTICLE = 2
-MIN_CELLS, MAX_CELLS = 3, 512
+PERIODIC_CELLS_PER_PARTICLE = 8
+FEWEST_CELLS = 4096  # that a box may have in any case
+MIN_CELLS = 3  # on an axis
 PAGE_OF_CANDIDATES = 4096
 
 # Entries of the two small arrays that describe a grid to kernels.
@@ -226,6 +230,18 @@ def rounded(count):
     return (count + (LANES - 1)) & ~(LANES - 1)
 
 
+def at_most(cells: list[int], most: int) -> list[int]:
+    """Cells an axis, the longest axes cut until there are at most `most` in all."""
+    low, high = MIN_CELLS, max(cells)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if math.prod(min(n, middle) for n in cells) <= most:
+            low = middle
+        else:
+            high = middle - 1
+    return [min(n, low) for n in cells]
+
+
 class NeighborGrid:
     """Cells over a domain: `sort` orders the columns and fills `start`, kernels then walk.
 
@@ -271,24 +287,27 @@ class NeighborGrid:
         size = radius * CELL_MARGIN
         open_cells = round((CELLS_PER_PARTICLE * max(self.count, 1)) ** (1 / self.dimension))
         cells, lower, sizes, lengths = [1, 1, 1], [0.0] * 3, [size] * 3, [0.0] * 3
+        periodic = self.bounds.kind == "periodic"
         for axis in range(self.dimension):
             if self.bounds.lower is None or self.bounds.upper is None:
-                cells[axis] = min(max(open_cells, MIN_CELLS), MAX_CELLS)
+                cells[axis] = max(open_cells, MIN_CELLS)
                 continue
             lower[axis] = self.bounds.lower[axis]
             length = self.bounds.upper[axis] - lower[axis]
             fit = int(length / size)
-            if self.bounds.kind == "periodic":
+            if periodic:
                 if fit < MIN_CELLS:
                     raise SceneError(
                         f"bounds: periodic length {length:g} m on axis {'xyz'[axis]} is less than "
-                        f"3 times the neighbour radius {radius:g} m"
+                        f"{MIN_CELLS * CELL_MARGIN:g} times the neighbour radius {radius:g} m"
                     )
                 lengths[axis] = length
-                cells[axis] = min(fit, MAX_CELLS)
-                sizes[axis] = length / cells[axis]
-            else:
-                cells[axis] = min(max(fit + 1, MIN_CELLS), MAX_CELLS)
+            cells[axis] = fit if periodic else max(fit + 1, MIN_CELLS)
+        if self.bounds.lower is not None:
+            each = PERIODIC_CELLS_PER_PARTICLE if periodic else CELLS_PER_PARTICLE
+            cells = at_most(cells, max(each * self.count, FEWEST_CELLS))
+        if periodic:
+            sizes = [length / n if length else size for length, n in zip(lengths, cells, strict=True)]
         return (cells[0], cells[1], cells[2]), lower, sizes, lengths
 
     def _reserve(self, candidates: int) -> None:

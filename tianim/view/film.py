@@ -18,7 +18,7 @@ from tianim.errors import MissingPartError, OutputError
 
 Picture = NDArray[np.uint8]
 
-QUALITY = "20"  # constant rate factor of x264: no visible loss
+QUALITY = "23"  # constant rate factor of x264: a flock of 30,000 in 10 s takes 14 MB, at 20 it takes 19
 PRESET = "veryfast"  # half the time of `medium` for a few percent of size
 BT709 = 1  # colour code of HD film, in the numbering of ITU-T H.273
 WEBP_WIDTH = 960

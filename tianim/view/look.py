@@ -101,7 +101,7 @@ class PartStyle(Params):
         description="factor on the size for each species, in order; "
         "left out: a species of under 2 % of the points is drawn 3 times as large",
     )
-    color: Annotated[ColorBy, BeforeValidator(_short_color)] = Field(
+    color: Annotated[ColorBy, BeforeValidator(_short_color, json_schema_input_type=str | ColorBy)] = Field(
         default=ColorBy(), description="what the colour says"
     )
     trail: Annotated[int, Field(ge=0, le=MAX_TRAIL)] = Field(

@@ -1,0 +1,105 @@
+"""Columns: arrays that are sorted together come back in id order; checkpoints hold storage order."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tianim.lang import ti
+from tianim.spatial.columns import PAGE, STAGGER, Columns, staggered
+
+WIDTHS = {"position": 3, "velocity": 3, "heat": 1, "kind": -1, "pair": -2}
+# Capacities of a page and around it; a thousand is beside no boundary.
+COUNTS = [0, 1, 2, 1000, PAGE - 1, PAGE, PAGE + 1]
+
+
+def filled(count: int) -> tuple[Columns, dict[str, NDArray[np.generic]]]:
+    """Columns with random values, and the values."""
+    rng = np.random.default_rng(count)
+    columns = Columns(count, WIDTHS)
+    values: dict[str, NDArray[np.generic]] = {}
+    for name, width in WIDTHS.items():
+        shape = columns.shape(name)
+        values[name] = (
+            rng.random(shape, np.float32) if width > 0 else rng.integers(-9, 9, shape).astype(np.int32)
+        )
+        columns.write(name, values[name])
+    return columns, values
+
+
+def moved(columns: Columns, order: NDArray[np.int32]) -> None:
+    """Move particle i to order[i]."""
+    destination = ti.ndarray(ti.i32, columns.capacity)
+    padded = np.zeros(columns.capacity, np.int32)
+    padded[: columns.count] = order
+    destination.from_numpy(padded)
+    columns.permute(destination)
+
+
+def assert_holds(columns: Columns, values: dict[str, NDArray[np.generic]]) -> None:
+    for name, value in values.items():
+        got = columns.read(name)
+        assert got.dtype == columns.dtype(name)
+        np.testing.assert_array_equal(got, value)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_what_was_written_is_read_through_any_sorts(count: int) -> None:
+    columns, values = filled(count)
+    rng = np.random.default_rng(1)
+    np.testing.assert_array_equal(columns.read("id"), np.arange(count))
+    for _ in range(3):
+        moved(columns, rng.permutation(count).astype(np.int32))
+        assert_holds(columns, values)
+        np.testing.assert_array_equal(columns.read("id"), np.arange(count))
+
+
+@pytest.mark.parametrize("count", [1, 1000])
+def test_the_permutation_is_the_one_asked_for(count: int) -> None:
+    columns, values = filled(count)
+    order = np.random.default_rng(2).permutation(count).astype(np.int32)
+    moved(columns, order)
+    stored = columns.state()
+    np.testing.assert_array_equal(stored["id"][0][order], np.arange(count))
+    np.testing.assert_array_equal(stored["position"][:, order].T, values["position"])
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_a_checkpoint_holds_the_storage_order(count: int) -> None:
+    columns, values = filled(count)
+    moved(columns, np.random.default_rng(3).permutation(count).astype(np.int32))
+    saved = columns.state()
+    again = Columns(count, WIDTHS)
+    again.restore(saved)
+    assert_holds(again, values)
+    for name, array in again.state().items():
+        assert array.shape == (abs(columns.widths[name]), count)
+        assert array.tobytes() == saved[name].tobytes()
+
+
+def test_a_state_is_a_copy() -> None:
+    columns, values = filled(10)
+    saved = columns.state()
+    saved["position"][:] = 7.0
+    assert_holds(columns, values)
+
+
+def test_values_in_id_order_are_scattered_into_storage_order() -> None:
+    columns, values = filled(50)
+    moved(columns, np.random.default_rng(4).permutation(50).astype(np.int32))
+    target = ti.ndarray(ti.f32, (3, columns.capacity))
+    columns.scatter(np.asarray(values["velocity"], np.float32), target)
+    np.testing.assert_array_equal(target.to_numpy()[:, :50], columns.state()["velocity"])
+
+
+@pytest.mark.parametrize("count", [0, 1, PAGE - STAGGER, PAGE, 10_000, 1_000_000])
+def test_rows_do_not_start_on_the_same_cache_sets(count: int) -> None:
+    """Rows lie whole pages plus STAGGER floats apart."""
+    capacity = staggered(count)
+    assert capacity >= count
+    assert capacity % PAGE == STAGGER
+
+
+def test_bytes_of_a_particle_are_those_of_its_arrays() -> None:
+    columns = Columns(100_000, WIDTHS)
+    held = sum(array.nbytes for array in columns.state().values())
+    assert columns.bytes_per_particle() * 100_000 == 2 * held

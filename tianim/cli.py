@@ -404,9 +404,11 @@ def info() -> None:
 
 def _pictures(done: "Run", overrides: Sequence[str], out: Path | None, quiet: bool) -> None:
     """Draw a run; the runtime must have been started. What was chosen or left out is said."""
+    from tianim.export.files import make_folder
     from tianim.view import render_run
 
     look = _look(done, overrides)
+    make_folder(out or done.folder)
     say_so = (lambda line: None) if quiet else note
     with Bar("drawing", quiet) as bar:
         render_run(

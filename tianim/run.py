@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from tianim import checkpoint, info
 from tianim.errors import OutputError, TianimError
 from tianim.export import open_exporters
+from tianim.export.exporters import Plan
 from tianim.interrupts import Interrupts
 from tianim.metrics import Metrics
 from tianim.run_folder import OUTPUTS, RECORD_VERSION, Run, RunOptions, alone, claim, resolved
@@ -45,8 +46,10 @@ def simulate(
     Raises BlowupError, OutputError and SceneError; the record then says `failed` and why, and
     the last checkpoints stay for --resume.
     """
-    claim(folder, scene, options)
+    # Before anything of an earlier run goes: are the formats able to hold what there is to write?
+    Plan(folder, scene.output.formats, scene.output, scene.fps).select(simulation.frame())
     with alone(folder):
+        claim(folder, scene, options)
         run = _begin(folder, scene, simulation, options)
         with _recorded(run):
             _make_frames(run, scene, simulation, progress)

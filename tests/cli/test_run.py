@@ -96,6 +96,7 @@ def files(folder: Path) -> dict[str, tuple[int, bytes]]:
         (("--resume", "--overwrite"), "give one of them"),
         (("--overwrite", "dust.count=-1"), "dust.count"),
         (("--overwrite", "--format", "docx"), "docx"),
+        (("--overwrite", "--format", "obj"), "format 'obj' holds triangles only; part 'dust' is points"),
         (("--overwrite", "--frames", "0"), "--frames"),
         (("--overwrite", "--threads", "0"), "--threads"),
         (("--overwrite", "--arch", "abacus"), "--arch"),

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from tianim.export import FORMATS, OutputOptions, Stamp, format_named, formats_t
 from tianim.export.exporters import Exporters, Plan
 from tianim.export.formats import ALL
 from tianim.export.parts import cell_data_of, cells_of
+from tianim.export.readback import READERS
 from tianim.export.roundtrip import COUNTS, round_trip, sample
-from tianim.frame import Frame, Lines, Mesh, Part, Points
+from tianim.frame import Array, Frame, Lines, Mesh, Part, Points
 
 GEOMETRY = ("position", "cells")
 ARRAYS = ("velocity", "orientation", "density", "energy", "id", "serial", "species", "tension")
@@ -118,22 +120,22 @@ def write_frames(folder: Path, name: str, parts: list[Part]) -> list[Frame]:
     return frames
 
 
-def assert_vtk_has(grid: object, part: Part) -> None:
+def assert_vtk_has(grid: Any, part: Part) -> None:
     """VTK's grid has the part's points, cells and arrays (three and four components not split)."""
     from vtk.util.numpy_support import vtk_to_numpy
 
     count = len(part.position)
-    assert grid.GetNumberOfPoints() == count  # type: ignore[attr-defined]
+    assert grid.GetNumberOfPoints() == count
     if count:
-        np.testing.assert_array_equal(vtk_to_numpy(grid.GetPoints().GetData()), part.position)  # type: ignore[attr-defined]
+        np.testing.assert_array_equal(vtk_to_numpy(grid.GetPoints().GetData()), part.position)
     cells = np.arange(count)[:, None] if cells_of(part) is None else cells_of(part)
     assert cells is not None
-    assert grid.GetNumberOfCells() == len(cells)  # type: ignore[attr-defined]
+    assert grid.GetNumberOfCells() == len(cells)
     if len(cells):
-        connectivity = vtk_to_numpy(grid.GetCells().GetConnectivityArray())  # type: ignore[attr-defined]
+        connectivity = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
         np.testing.assert_array_equal(connectivity.reshape(cells.shape), cells)
-    data = [(part.data, grid.GetPointData())]  # type: ignore[attr-defined]
-    data += [(cell_data_of(part), grid.GetCellData())] if len(cells) else []  # type: ignore[attr-defined]
+    data = [(part.data, grid.GetPointData())]
+    data += [(cell_data_of(part), grid.GetCellData())] if len(cells) else []
     for expected, found in data:
         for array, values in expected.items():
             np.testing.assert_array_equal(vtk_to_numpy(found.GetArray(array)), values, err_msg=array)
@@ -194,7 +196,9 @@ def test_vtk_reads_xdmf(tmp_path: Path, kind: str) -> None:
     frames = write_frames(tmp_path, "xdmf_series", parts)
     write_frames(tmp_path, "xdmf", parts)
     files = [tmp_path / "sample.xdmf", *(tmp_path / f"sample_{frame.index:04d}.xdmf" for frame in frames)]
-    run = subprocess.run([sys.executable, "-c", READ_XDMF, *files], capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", READ_XDMF, *files], capture_output=True, text=True, check=True
+    )
     lines = [[float(word) for word in line.split()] for line in run.stdout.splitlines()]
     expected = [
         [time, max(len(part.position), 1), count, part.data["velocity"].astype(float).sum()]
@@ -226,8 +230,11 @@ def test_vtk_reads_surfaces(tmp_path: Path, name: str, count: int) -> None:
 
 
 def test_a_ply_has_the_names_that_programs_look_for(tmp_path: Path) -> None:
-    color = np.array([[255, 128, 0]], np.uint8)
-    data = {"velocity": np.ones((1, 3), np.float32), "color": color, "id": np.array([7], np.int64)}
+    data: dict[str, Array] = {
+        "velocity": np.ones((1, 3), np.float32),
+        "color": np.array([[255, 128, 0]], np.uint8),
+        "id": np.array([7], np.int64),
+    }
     write_frames(tmp_path, "ply", [Points("p", np.zeros((1, 3), np.float32), data)])
     header = (tmp_path / "p_0000.ply").read_bytes().split(b"end_header")[0].decode().splitlines()
     assert [line for line in header if line.startswith(("element", "property"))] == [
@@ -251,8 +258,6 @@ def test_a_ply_keeps_ids_beyond_32_bits_as_double(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "b1"])
 @pytest.mark.parametrize("name", [name for name, row in PROMISED.items() if row[2] is not NONE])
 def test_every_number_type_keeps_its_values(tmp_path: Path, name: str, dtype: str) -> None:
-    from tianim.export import roundtrip
-
     values = (np.arange(24) % 2).astype(dtype)
     data = {f"k{k}": (values[: 4 * k].reshape(4, k) if k > 1 else values[:4]) for k in (1, 2, 3, 4, 6)}
     part = Mesh("sample", np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), data)
@@ -260,11 +265,13 @@ def test_every_number_type_keeps_its_values(tmp_path: Path, name: str, dtype: st
         frames = write_frames(tmp_path, name, [part])
     except MissingPartError as error:
         pytest.skip(str(error))
-    read = roundtrip.READERS[name](tmp_path, format_named(name), frames)[0]
+    read = READERS[name](tmp_path, format_named(name), frames)[0]
     for array, expected in data.items():
         found = read.data.get(array)
         if found is None:
-            found = np.stack([read.data[f"{array}_{i}"] for i in "xyzw012345" if f"{array}_{i}" in read.data], axis=1)
+            found = np.stack(
+                [read.data[f"{array}_{i}"] for i in "xyzw012345" if f"{array}_{i}" in read.data], axis=1
+            )
         np.testing.assert_array_equal(found, expected.astype(float), err_msg=array)
 
 
@@ -300,7 +307,14 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "near"),
-    [("vtuu", "vtu"), ("pyl", "ply"), ("h5", "xdmf"), ("usdc", "usd"), ("xdmf-serie", "xdmf_series"), ("", None)],
+    [
+        ("vtuu", "vtu"),
+        ("pyl", "ply"),
+        ("h5", "xdmf"),
+        ("usdc", "usd"),
+        ("xdmf-serie", "xdmf_series"),
+        ("", None),
+    ],
 )
 def test_an_unknown_format_names_the_nearest(name: str, near: str | None) -> None:
     with pytest.raises(FormatError, match="must be one of vtu, vtk, ply") as caught:

@@ -7,7 +7,7 @@ import pytest
 
 from tianim.errors import FormatError, OutputError
 from tianim.export import OutputOptions, Stamp, read_vtu
-from tianim.export.axes import Axes
+from tianim.export.axes import Axes, UpAxis
 from tianim.export.parts import KINDS, cell_data_of, cells_of, check_frame, kind_of
 from tianim.export.roundtrip import sample
 from tianim.export.vtu import read_stamp, write_part
@@ -51,7 +51,9 @@ def test_every_kind_comes_back_bit_for_bit(tmp_path: Path, kind: str, count: int
 def test_every_type_and_number_of_components_comes_back(tmp_path: Path, count: int) -> None:
     random = np.random.default_rng(1)
     data = {
-        f"{dtype}x{k}": (random.random((count, k)) * 100).astype(dtype).reshape((count, k) if k > 1 else count)
+        f"{dtype}x{k}": (random.random((count, k)) * 100)
+        .astype(dtype)
+        .reshape((count, k) if k > 1 else count)
         for dtype in DTYPES
         for k in COMPONENTS
     }
@@ -126,13 +128,15 @@ def test_vtk_reads_it(tmp_path: Path, kind: str, count: int) -> None:
         np.testing.assert_array_equal(vtk_to_numpy(grid.GetPoints().GetData()), part.position)
         expected = np.arange(count) if cells_of(part) is None else cells_of(part).reshape(-1)  # type: ignore[union-attr]
         np.testing.assert_array_equal(vtk_to_numpy(grid.GetCells().GetConnectivityArray()), expected)
-        assert {grid.GetCellType(cell) for cell in range(count)} == {{"points": 1, "lines": 3, "triangles": 5}[kind]}
+        assert {grid.GetCellType(cell) for cell in range(count)} == {
+            {"points": 1, "lines": 3, "triangles": 5}[kind]
+        }
 
 
 @pytest.mark.parametrize("scale", [1.0, 4.0, 0.5])
 @pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_axes_of_the_file_are_undone_exactly(tmp_path: Path, kind: str, up: str, scale: float) -> None:
+def test_axes_of_the_file_are_undone_exactly(tmp_path: Path, kind: str, up: UpAxis, scale: float) -> None:
     # Turning by a right angle is exact, and so is a scale that is a power of two.
     part = sample(kind, 50)
     axes = OutputOptions(up_axis=up, scale=scale).axes
@@ -168,14 +172,16 @@ def test_up_axis_turns_what_points_somewhere() -> None:
     np.testing.assert_array_equal(turned.data["cell"], [[0, 1, 0]])
     # Forward stays a right-handed frame: x keeps, z goes to -y.
     np.testing.assert_array_equal(
-        Axes("z").apply(Points("p", np.array([[1, 0, 0], [0, 0, 1]], np.float32))).position, [[1, 0, 0], [0, -1, 0]]
+        Axes("z").apply(Points("p", np.array([[1, 0, 0], [0, 0, 1]], np.float32))).position,
+        [[1, 0, 0], [0, -1, 0]],
     )
 
 
 def test_turned_orientation_turns_turned_vectors() -> None:
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     random = np.random.default_rng(2)
-    quaternion = rotation.random(20, rng=random).as_quat().astype(np.float32)
+    # SciPy makes them unit quaternions.
+    quaternion = rotation.from_quat(random.standard_normal((20, 4))).as_quat().astype(np.float32)
     body = random.standard_normal((20, 3)).astype(np.float32)
     world = rotation.from_quat(quaternion).apply(body).astype(np.float32)
     turn = Axes("z").apply
@@ -187,7 +193,7 @@ def test_turned_orientation_turns_turned_vectors() -> None:
 
 def test_only_lengths_are_scaled() -> None:
     ones = np.ones(2, np.float32)
-    data = {name: ones for name in ("radius", "speed", "density", "mass")}
+    data = dict.fromkeys(("radius", "speed", "density", "mass"), ones)
     units = {"radius": "m", "speed": "m/s", "density": "kg/m^3"}
     scaled = Axes("y", 100.0).apply(Points("p", np.ones((2, 3), np.float32), data, units))
     assert {name: float(values[0]) for name, values in scaled.data.items()} == {
@@ -233,6 +239,7 @@ def test_a_file_cut_short_is_named(tmp_path: Path) -> None:
         (Points("a64", np.zeros((1, 3), np.float32)), "does not end in a digit"),
         (Points("", np.zeros((1, 3), np.float32)), "starts with a letter"),
         (Points("../x", np.zeros((1, 3), np.float32)), "starts with a letter"),
+        (Points("p", np.zeros((1, 3), np.float32), {"a b": np.zeros(1)}), "array 'a b': a name starts"),
         (Points("p", np.zeros((4, 2), np.float32)), r"position has shape \(4, 2\)"),
         (Points("p", np.zeros((4, 3), np.float32), {"id": np.zeros(3)}), r"id has shape \(3,\)"),
         (Points("p", np.zeros((1, 3), np.float32), {"f": np.zeros((1, 3, 3))}), r"f has shape \(1, 3, 3\)"),

@@ -3,12 +3,13 @@
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,13 +17,30 @@ import numpy as np
 import pytest
 
 from tianim.errors import FormatError, OutputError
-from tianim.export import FORMATS, FrameWriter, OutputOptions, RunFrames, open_exporters, read_vtu, writer
+from tianim.export import (
+    FORMATS,
+    FrameWriter,
+    OutputOptions,
+    RunFrames,
+    files,
+    open_exporters,
+    read_vtu,
+    writer,
+)
 from tianim.export.shared import new_memory, pack, size_of, unpack
 from tianim.frame import Frame, Lines, Mesh, Points
 
 FPS = 30.0
-# A cloud of this many points goes to the process.
-LARGE = writer.LARGE_FRAME // 28 + 1
+# A cloud of this many points goes to the process, with the limit that the tests set.
+LARGE_FRAME = 200_000
+LARGE = LARGE_FRAME // 28 + 1
+# 5.5 MB in the record: some of these fill the small disk of a test.
+HUGE = 150_000
+
+
+@pytest.fixture(autouse=True)
+def _smaller_frames_are_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer, "LARGE_FRAME", LARGE_FRAME)
 
 
 def cloud(index: int, count: int = LARGE) -> Frame:
@@ -76,7 +94,9 @@ def test_the_process_writes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.M
             for frame in frames:
                 out.write(frame)
             assert (out._remote is None) == (name == "here")
-    made = [{path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("beside", "here")]
+    made = [
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("beside", "here")
+    ]
     assert made[0] == made[1]
     assert len(made[0]) == 4 * 2 + 2 + 1
 
@@ -116,7 +136,13 @@ def test_every_part_survives_the_shared_memory() -> None:
         (
             Points("a", position[::-1], {"id": np.arange(5, dtype=np.int64), "none": np.zeros((5, 0))}),
             Points("b", empty, {"velocity": empty}),
-            Mesh("c", position, np.array([[0, 1, 2]], np.int32), {"u": np.ones(5, np.uint8)}, {"f": np.ones((1, 9))}),
+            Mesh(
+                "c",
+                position,
+                np.array([[0, 1, 2]], np.int32),
+                {"u": np.ones(5, np.uint8)},
+                {"f": np.ones((1, 9))},
+            ),
             Lines("d", position, np.array([[0, 1]], np.int32), {}, {"t": np.ones(1)}, {"t": "N"}),
         ),
     )
@@ -127,60 +153,68 @@ def test_every_part_survives_the_shared_memory() -> None:
     assert repr(again) == repr(frame)
 
 
+def write_all(
+    folder: Path,
+    count: int,
+    formats: tuple[str, ...] = (),
+    size: int = LARGE,
+    after_first: Callable[[FrameWriter], None] = FrameWriter.wait,
+) -> None:
+    """Write `count` frames; `after_first` is called between the first and the second."""
+    with open_exporters(folder, formats, OutputOptions(), FPS) as out:
+        for index in range(count):
+            out.write(cloud(index, size))
+            if index == 0:
+                after_first(out)
+
+
 def test_an_error_of_the_process_comes_back_at_the_next_call(tmp_path: Path) -> None:
     folder = tmp_path / "frames"
-    with pytest.raises(OutputError, match=r"frames/.*cannot write: no such file or directory"), open_exporters(
-        folder, (), OutputOptions(), FPS
-    ) as out:
-        out.write(cloud(0))
+    writers: list[FrameWriter] = []
+
+    def remove_folder(out: FrameWriter) -> None:
+        writers.append(out)
         out.wait()
-        process = process_of(out)
-        for path in folder.iterdir():
-            path.unlink()
-        folder.rmdir()
-        with pytest.raises(OutputError, match="cannot write") as first:
-            for index in range(1, 10):
-                out.write(cloud(index))
-        # And at every later one.
-        with pytest.raises(OutputError) as second:
-            out.wait()
-        assert str(second.value) == str(first.value)
-        assert "\n" not in str(first.value)
-        raise first.value
-    assert process.returncode is not None
+        shutil.rmtree(folder)
+
+    # 2 fill the buffers, the third must wait for one of them.
+    with pytest.raises(OutputError, match=r"frames/.*cannot write: no such file or directory") as first:
+        write_all(folder, 2 + writer.SLOTS, after_first=remove_folder)
+    assert "\n" not in str(first.value)
+    assert process_of(writers[0]).returncode is not None
+    # And at every later call.
+    with pytest.raises(OutputError) as second:
+        writers[0].wait()
+    assert str(second.value) == str(first.value)
 
 
 def test_a_process_that_was_killed_is_named(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"process that writes frames ended \(exit code -9\)"), open_exporters(
-        tmp_path, (), OutputOptions(), FPS
-    ) as out:
-        out.write(cloud(0))
+    def kill(out: FrameWriter) -> None:
         out.wait()
         process_of(out).kill()
-        for index in range(1, 10):
-            out.write(cloud(index))
+
+    with pytest.raises(OutputError, match=r"process that writes frames ended \(exit code -9\)"):
+        write_all(tmp_path, 10, after_first=kill)
     assert RunFrames(tmp_path)[0].index == 0
 
 
 def test_an_error_in_the_simulation_keeps_the_frames_given(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="blow-up"), open_exporters(
-        tmp_path, ("vtkhdf",), OutputOptions(), FPS
-    ) as out:
-        for index in range(3):
-            out.write(cloud(index))
-        process = process_of(out)
-        raise RuntimeError("blow-up")
-    assert process.returncode == 0
+    def simulate() -> None:
+        with open_exporters(tmp_path, ("vtkhdf",), OutputOptions(), FPS) as out:
+            for index in range(3):
+                out.write(cloud(index))
+            raise RuntimeError("blow-up")
+
+    with pytest.raises(RuntimeError, match="blow-up"):
+        simulate()
     assert len(RunFrames(tmp_path)) == 3
     # Files of a whole run belong to a whole run.
     assert not (tmp_path / "boids.vtkhdf").exists()
 
 
 def test_a_format_that_refuses_does_so_at_once(tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match="'stl' holds triangles only"), open_exporters(
-        tmp_path, ("stl",), OutputOptions(), FPS
-    ) as out:
-        out.write(cloud(0))
+    with pytest.raises(FormatError, match="'stl' holds triangles only"):
+        write_all(tmp_path, 1, ("stl",))
 
 
 SCRIPT = """
@@ -189,7 +223,8 @@ SCRIPT = """
     from pathlib import Path
     from tianim.export import OutputOptions, open_exporters, writer
     sys.path.insert(0, {tests!r})
-    from test_export_writer import cloud
+    from test_export_writer import LARGE_FRAME, cloud
+    writer.LARGE_FRAME = LARGE_FRAME
     with open_exporters(Path({folder!r}), (), OutputOptions(), 30.0, resume_from={start}) as out:
         for index in range({start}, {end}):
             out.write(cloud(index))
@@ -200,7 +235,9 @@ SCRIPT = """
 @contextmanager
 def running(folder: Path, start: int = 0, end: int = 100_000) -> "Iterator[subprocess.Popen[str]]":
     """A run in another process, which prints each frame's index and the writer's process."""
-    script = textwrap.dedent(SCRIPT).format(folder=str(folder), tests=str(Path(__file__).parent), start=start, end=end)
+    script = textwrap.dedent(SCRIPT).format(
+        folder=str(folder), tests=str(Path(__file__).parent), start=start, end=end
+    )
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     try:
         yield process
@@ -209,10 +246,10 @@ def running(folder: Path, start: int = 0, end: int = 100_000) -> "Iterator[subpr
         process.communicate()
 
 
-def wait_for(condition: "object", seconds: float = 20.0) -> bool:
+def wait_for(condition: Callable[[], bool], seconds: float = 20.0) -> bool:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        if condition():  # type: ignore[operator]
+        if condition():
             return True
         time.sleep(0.02)
     return False
@@ -260,7 +297,9 @@ def test_ctrl_c_does_not_reach_the_process(tmp_path: Path) -> None:
 
 
 def test_neither_import_nor_process_loads_the_compiler(tmp_path: Path) -> None:
-    heavy = "[m for m in ('taichi', 'quadrants', 'meshio', 'h5py', 'pxr', 'scipy', 'open3d') if m in sys.modules]"
+    heavy = (
+        "[m for m in ('taichi', 'quadrants', 'meshio', 'h5py', 'pxr', 'scipy', 'open3d') if m in sys.modules]"
+    )
     code = f"import sys, json, tianim.export, tianim.frame; print(json.dumps({heavy}))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(run.stdout) == []
@@ -271,6 +310,19 @@ def test_neither_import_nor_process_loads_the_compiler(tmp_path: Path) -> None:
     assert "numpy" in maps
     assert "taichi" not in maps
     assert "quadrants" not in maps
+
+
+def test_large_files_leave_the_cache_and_are_let_go_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "LARGE_FILE", 1000)
+    before = len(os.listdir("/proc/self/fd"))
+    with open_exporters(tmp_path, (), OutputOptions(), FPS) as out:
+        for index in range(10):
+            out.write(cloud(index, 100))
+        assert len(files._settling) == files.SETTLING
+    assert len(os.listdir("/proc/self/fd")) == before
+    assert [float(frame.parts[0].position.max()) for frame in RunFrames(tmp_path)] == list(range(10))
 
 
 def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -285,11 +337,8 @@ def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.Monke
         return real(descriptor, chunks)
 
     monkeypatch.setattr(os, "writev", writev)
-    with pytest.raises(OutputError, match=r"boids_0002\.vtu: cannot write: the disk is full"), open_exporters(
-        tmp_path, (), OutputOptions(), FPS
-    ) as out:
-        for index in range(5):
-            out.write(cloud(index, 10))
+    with pytest.raises(OutputError, match=r"boids_0002\.vtu: cannot write: the disk is full"):
+        write_all(tmp_path, 5, size=10)
     # Nothing half is left, and what the indexes name is there.
     assert [frame.index for frame in RunFrames(tmp_path)] == [0, 1]
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -300,21 +349,23 @@ def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.Monke
     }
 
 
-@pytest.mark.parametrize("formats", [(), ("vtk",), ("xdmf",), ("npz",), ("vtkhdf",), ("xdmf_series",), ("usd",)])
+@pytest.mark.parametrize(
+    "formats", [(), ("vtk",), ("xdmf",), ("npz",), ("vtkhdf",), ("xdmf_series",), ("usd",)]
+)
 def test_a_disk_that_is_full_indeed(tmp_path: Path, formats: tuple[str, ...]) -> None:
     # Room for some frames of 6 MB, or for a record of two and no file of the whole run beside it.
     if "usd" in formats:
         pytest.importorskip("pxr")
     disk = tmp_path / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=16m", "none", disk], capture_output=True).returncode:
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=16m", "none", disk], capture_output=True
+    ).returncode:
         pytest.skip("cannot mount a small disk here")
     try:
-        with pytest.raises(OutputError, match="the disk is full"), open_exporters(
-            disk / "frames", formats, OutputOptions(), FPS
-        ) as out:
-            for index in range(2 if formats and FORMATS[formats[0]].whole_run else 10):
-                out.write(cloud(index))
+        count = 2 if formats and FORMATS[formats[0]].whole_run else 10
+        with pytest.raises(OutputError, match="the disk is full"):
+            write_all(disk / "frames", count, formats, HUGE)
         left = [path.name for path in (disk / "frames").iterdir()]
         assert not [name for name in left if name.endswith(".tmp")]
         assert len(RunFrames(disk / "frames")) in (1, 2, 3)
@@ -329,7 +380,8 @@ def test_an_unwritable_folder_is_told_before_the_run(tmp_path: Path) -> None:
     else:
         tmp_path.chmod(0o500)
         folder = tmp_path / "frames"
-    with pytest.raises(OutputError, match=f"{folder}: cannot write"), open_exporters(
-        folder, (), OutputOptions(), FPS
+    with (
+        pytest.raises(OutputError, match=f"{folder}: cannot write"),
+        open_exporters(folder, (), OutputOptions(), FPS),
     ):
-        pass
+        raise AssertionError("opened")

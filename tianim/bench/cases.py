@@ -137,4 +137,3 @@ def find_case(name: str) -> Case:
     like = nearest(name, CASES)
     hint = f"did you mean {like!r}? " if like else ""
     raise SceneError(f"bench: no case {name!r}; {hint}there are {', '.join(CASES)}, and any scene file")
-

@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from tianim.bench.cases import Task
-from tianim.bench.flocks import TIME_STEP, Flock, flock
+from tianim.bench.flocks import Flock, flock
 from tianim.bench.lines import Round
 from tianim.bench.measuring import WARM_UP, array_bytes, timed_round
 from tianim.export import FrameWriter, OutputOptions, open_exporters
@@ -77,7 +77,9 @@ class Render:
         simulation = flock(task, Flock.neighbourhood)
         self._frames: list[Frame] = [simulation.frame(), simulation.advance()]
         self._bytes = array_bytes(simulation) / task.n
-        looks = {kind: Look.model_validate({"parts": {"flock": {"kind": kind}}}) for kind in ("darts", "spheres")}
+        looks = {
+            kind: Look.model_validate({"parts": {"flock": {"kind": kind}}}) for kind in ("darts", "spheres")
+        }
         self._painters = {kind: Painter(self._frames, look) for kind, look in looks.items()}
         for painter in self._painters.values():
             painter.picture(0)

@@ -53,7 +53,9 @@ class Peer:
         steps = min(steps, self.most_steps)
         environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **self.environment}
         command = self.command(n, dim, steps)
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, env=environment, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=LONGEST, env=environment, check=False
+        )
         lines = done.stdout.strip().splitlines()
         if done.returncode or not lines:
             said = done.stderr.strip().splitlines()[-1:] or [f"status {done.returncode}"]
@@ -89,7 +91,10 @@ def _cpp(source: Path, work: Path) -> list[Peer]:
         return []
     program = work / source.stem
     built = subprocess.run(
-        [compiler, *COMPILER_FLAGS, str(source), "-o", str(program)], capture_output=True, text=True, check=False
+        [compiler, *COMPILER_FLAGS, str(source), "-o", str(program)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if built.returncode:
         note(f"{source} does not compile ({(built.stderr.strip().splitlines() or ['?'])[0]}): left out")
@@ -100,7 +105,11 @@ def _cpp(source: Path, work: Path) -> list[Peer]:
 def _array_peers(script: Path, methods: tuple[str, ...]) -> list[Peer]:
     python = _python()
     if not script.is_file() or python is None:
-        why = f"no Python with numba and scipy ({PYTHON_VARIABLE}, {PYTHON_FOLDER})" if script.is_file() else f"no {script}"
+        why = (
+            f"no Python with numba and scipy ({PYTHON_VARIABLE}, {PYTHON_FOLDER})"
+            if script.is_file()
+            else f"no {script}"
+        )
         note(f"{why}: the peers {', '.join(methods)} are left out")
         return []
 
@@ -120,9 +129,13 @@ def _array_peers(script: Path, methods: tuple[str, ...]) -> list[Peer]:
 def _python() -> str | None:
     """A Python that has numba and scipy: the one named in the environment, the peers' own, this one."""
     named = os.environ.get(PYTHON_VARIABLE)
-    for candidate in [named] if named else [Path(PYTHON_FOLDER).expanduser() / "bin" / "python", sys.executable]:
+    for candidate in (
+        [named] if named else [Path(PYTHON_FOLDER).expanduser() / "bin" / "python", sys.executable]
+    ):
         try:
-            tried = subprocess.run([str(candidate), "-c", "import numba, scipy"], capture_output=True, check=False)
+            tried = subprocess.run(
+                [str(candidate), "-c", "import numba, scipy"], capture_output=True, check=False
+            )
         except OSError:
             continue
         if tried.returncode == 0:

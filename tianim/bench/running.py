@@ -8,12 +8,14 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from tianim.bench.cases import CASES, Case, Task, find_case
 from tianim.bench.lines import Line, Round, summary
 from tianim.bench.peers import Peer, find_peers, note
 from tianim.bench.worker import Worker, worker
 from tianim.errors import TianimError
+from tianim.scene import load_scene
 
 ROUNDS = 3
 # Small sizes go on for at least so long [s], but not for ever.
@@ -28,7 +30,7 @@ def run(
     sizes: list[int] | None = None,
     peers: Path | None = None,
     threads: int | None = None,
-) -> "Iterator[dict[str, object]]":
+) -> Iterator[dict[str, Any]]:
     """Measure a case, or all; yield a line (see `Line`) for each size, dimension, variant and engine.
 
     sizes    numbers of items instead of the case's own
@@ -40,10 +42,13 @@ def run(
     """
     chosen = [find_case(case)] if case is not None else list(CASES.values())
     tasks = [(one, one.tasks(sizes, threads)) for one in chosen]
+    for one in chosen:
+        if not one.sized:
+            load_scene(one.name)
     return _lines(tasks, peers)
 
 
-def _lines(tasks: list[tuple[Case, list[Task]]], folder: Path | None) -> "Iterator[dict[str, object]]":
+def _lines(tasks: list[tuple[Case, list[Task]]], folder: Path | None) -> Iterator[dict[str, Any]]:
     failed = []
     with tempfile.TemporaryDirectory(prefix="tianim-peers-") as work:
         for case, sizes in tasks:
@@ -66,7 +71,7 @@ def _measure(case: Case, task: Task, peers: list[Peer]) -> list[Line]:
     with worker(task) as process:
         threads = int(process.about["threads"])
         seconds, rounds = 0.0, 0
-        while rounds < ROUNDS or seconds < LEAST_SECONDS and rounds < MOST_ROUNDS:
+        while rounds < ROUNDS or (seconds < LEAST_SECONDS and rounds < MOST_ROUNDS):
             for variant, one in process.round().items():
                 ours.setdefault(variant, []).append(one)
                 seconds += 1e-3 * one.steps * one.mean_ms

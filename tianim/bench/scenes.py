@@ -21,7 +21,9 @@ class SceneSteps:
         self._start = self._simulation.state()
         self.n = sum(params.particle_count() for params in scene.systems.values())
         self.dim = max(getattr(params, "dimension", 3) for params in scene.systems.values())
-        self._clocks = [PassClock(system, {"step": name}) for name, system in self._simulation.systems.items()]
+        self._clocks = [
+            PassClock(system, {"step": name}) for name, system in self._simulation.systems.items()
+        ]
 
     def round(self) -> dict[str, Round]:
         """A few frames after the first one; the times are those of a substep."""

@@ -29,7 +29,9 @@ class Startup:
     def round(self) -> dict[str, Round]:
         """One start."""
         seconds = self._start()
-        return {name: Round(1, 1e3 * seconds[index], 1e3 * seconds[index]) for name, index in VARIANTS.items()}
+        return {
+            name: Round(1, 1e3 * seconds[index], 1e3 * seconds[index]) for name, index in VARIANTS.items()
+        }
 
     def bytes_per_item(self) -> None:
         """A start is not about memory."""
@@ -46,7 +48,10 @@ class Startup:
             began = time.perf_counter()
             path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
             with subprocess.Popen(
-                command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": path}
+                command,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": path},
             ) as process:
                 try:
                     return _watch(process, out / "frames", began)

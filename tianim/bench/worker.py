@@ -75,7 +75,7 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     try:
-        _answer_all(lambda values: print(json.dumps(values), file=answers))  # noqa: T201
+        _answer_all(lambda values: print(json.dumps(values), file=answers))
     except TianimError as error:
         answers.write(json.dumps({"error": str(error)}) + "\n")
 

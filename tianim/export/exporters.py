@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import overload
 
@@ -51,6 +52,13 @@ class Plan:
             for format_ in self.tables:
                 format_.refuse_others(part)
         return frame
+
+    def check_parts(self, names: Iterable[str]) -> None:
+        """FormatError where `output.parts` names one that is not among `names`."""
+        there = sorted(names)
+        for name in self.options.parts if self.options.parts != "all" else ():
+            if name not in there:
+                raise FormatError(f"output.parts: no part is called {name!r}; there are {', '.join(there)}")
 
     def chosen(self, frame: Frame) -> tuple[Part, ...]:
         """The parts that go to the formats besides the record."""
@@ -112,9 +120,9 @@ class Exporters:
         if self._lock is not None:
             self._lock.close()
 
-    def assemble(self, frames: Sequence[Frame]) -> None:
-        """Write the files of the whole run from `frames` in internal axes."""
-        converted = _Converted(frames, self.plan)
+    def assemble(self, frames: Sequence[Frame], tell: Callable[[], None] = lambda: None) -> None:
+        """Write the files of the whole run from `frames` in internal axes; `tell` is called for each read."""
+        converted = _Converted(frames, self.plan, tell)
         for one in self.plan.tables:
             if one.whole_run:
                 one.load().assemble(self.plan.folder, converted, self.plan.run)
@@ -123,8 +131,8 @@ class Exporters:
 class _Converted(Sequence[Frame]):
     """Frames of the record as the files of a whole run have them: parts chosen, axes applied."""
 
-    def __init__(self, frames: Sequence[Frame], plan: Plan) -> None:
-        self._frames, self._plan = frames, plan
+    def __init__(self, frames: Sequence[Frame], plan: Plan, tell: Callable[[], None]) -> None:
+        self._frames, self._plan, self._tell = frames, plan, tell
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -137,6 +145,7 @@ class _Converted(Sequence[Frame]):
         if isinstance(position, slice):
             return [self[one] for one in range(*position.indices(len(self)))]
         frame = self._plan.select(self._frames[position])
+        self._tell()
         axes = self._plan.options.axes
         return replace(frame, parts=tuple(axes.apply(part) for part in self._plan.chosen(frame)))
 
@@ -148,7 +157,9 @@ def _with_fields(frame: Frame, wanted: tuple[str, ...] | str) -> Frame:
     there = {name for part in frame.parts for name in (*part.data, *cell_data_of(part))}
     missing = [name for name in wanted if name not in there]
     if missing and any(len(part.position) for part in frame.parts):
-        raise FormatError(f"output.fields: no part has {missing[0]!r}; there are {', '.join(sorted(there)) or 'none'}")
+        raise FormatError(
+            f"output.fields: no part has {missing[0]!r}; there are {', '.join(sorted(there)) or 'none'}"
+        )
 
     def keep(data: Mapping[str, Array]) -> dict[str, Array]:
         return {name: values for name, values in data.items() if name in wanted}
@@ -174,22 +185,35 @@ def export_run(
     """Write a finished run's frames in other formats, without simulating; gives the folder they are in.
 
     `folder` defaults to the run's frames, beside its record. `progress(done, total)` is called
-    after each frame. Raises OutputError where there is no record, FormatError where a format
-    is not known or cannot hold a part.
+    for each frame read, which some formats do anew.
+
+    Raises OutputError where there is no record, FormatError where a format is not known or
+    cannot hold a part.
     """
     frames = RunFrames(run_folder)
     target = folder or frames.folder
     options = options or OutputOptions()
     wants_record = RECORD in (format_named(name).name for name in formats)
     if wants_record and target.resolve() == frames.folder.resolve():
-        raise FormatError("the run's own record is vtu already; name another folder to write a converted copy")
+        raise FormatError(
+            "the run's own record is vtu already; name another folder to write a converted copy"
+        )
     plan = replace(plan_output(target, formats, options, frames.fps), record=wants_record)
+    plan.check_parts(frames.parts)
     exporters = Exporters(plan)
     needs_frames = wants_record or any(not one.whole_run for one in plan.tables)
-    for position in range(len(frames) if needs_frames else 0):
-        exporters.write(plan.select(frames[position]))
+    total = len(frames) * (needs_frames + sum(one.whole_run for one in plan.tables))
+    done = count(1)
+
+    def tell() -> None:
         if progress:
-            progress(position + 1, len(frames))
-    exporters.assemble(frames)
-    release_files()
+            progress(next(done), total)
+
+    try:
+        for position in range(len(frames) if needs_frames else 0):
+            exporters.write(plan.select(frames[position]))
+            tell()
+        exporters.assemble(frames, tell)
+    finally:
+        exporters.release()
     return target

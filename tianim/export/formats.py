@@ -74,7 +74,8 @@ class Format:
         """The module that writes it; MissingPartError where a package is not installed."""
         if self.package and importlib.util.find_spec(self.package[0]) is None:
             raise MissingPartError(
-                f"format {self.name!r} needs a package that is not installed: pip install 'tianim[{self.package[1]}]'"
+                f"format {self.name!r} needs a package that is not installed: "
+                f"pip install 'tianim[{self.package[1]}]'"
             )
         return importlib.import_module(f"tianim.export.{self.module}")
 
@@ -100,7 +101,9 @@ _TABLE = (
     Format("msh", "Gmsh 4.1", "meshio_formats", (".msh",)),
     Format("med", "Salome", "meshio_formats", (".med",)),
     Format("npz", "NumPy", "npz", (".npz",)),
-    Format("xdmf_series", "ParaView, VisIt; one pair a part", "xdmf_series", (".xdmf", ".h5"), whole_run=True),
+    Format(
+        "xdmf_series", "ParaView, VisIt; one pair a part", "xdmf_series", (".xdmf", ".h5"), whole_run=True
+    ),
     Format("vtkhdf", "ParaView 5.12 and later; one file a part", "vtkhdf", (".vtkhdf",), whole_run=True),
     Format(
         "usd",

@@ -18,7 +18,7 @@ import contextlib
 import io
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,8 @@ EMPTY_FILES = {
     ".xdmf": '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">'
     '<DataItem DataType="Float" Dimensions="1 3" Format="XML" Precision="4">0 0 0</DataItem></Geometry>'
     '<Topology TopologyType="Polyvertex" NumberOfElements="0" NodesPerElement="1">'
-    '<DataItem DataType="Int" Dimensions="1 1" Format="XML" Precision="4">0</DataItem></Topology></Grid></Domain></Xdmf>\n',
+    '<DataItem DataType="Int" Dimensions="1 1" Format="XML" Precision="4">0</DataItem></Topology>'
+    "</Grid></Domain></Xdmf>\n",
 }
 # The date that meshio puts into the first lines of PLY and OBJ.
 DATE = re.compile(rb"Created by meshio v[^,\n]*, ([0-9T:.-]+)")
@@ -95,12 +96,15 @@ def _write(file: Path, mesh: meshio.Mesh) -> None:
 
 
 @contextlib.contextmanager
-def _quiet() -> Any:
+def _quiet() -> Iterator[None]:
     """Without meshio's lines on the terminal: what they warn of is handled or stated here."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
+    with (
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")
+        yield
 
 
 def _mesh(part: Part, suffix: str) -> meshio.Mesh:
@@ -109,8 +113,10 @@ def _mesh(part: Part, suffix: str) -> meshio.Mesh:
     if cells is None:
         cells = np.arange(len(part.position), dtype=np.int32).reshape(-1, 1)
     if len(cells) == 0 and len(part.position) and suffix in (".msh", ".xdmf"):
-        raise FormatError(f"format {suffix[1:]!r}: part {part.name!r} has points but no {kind}, which it cannot hold")
-    # A PLY's points are no faces: as such meshio would write them, and Blender crashes on faces of one corner.
+        raise FormatError(
+            f"format {suffix[1:]!r}: part {part.name!r} has points but no {kind}, which it cannot hold"
+        )
+    # A PLY's points are no faces: meshio would write them so, and Blender crashes on faces of one corner.
     has_cells = len(cells) > 0 and not (suffix == ".ply" and kind == "points")
     blocks = [(CELL_NAMES[kind], cells.astype(np.int32, copy=False))] if has_cells else []
     data: dict[str, Array] = {}

@@ -27,7 +27,9 @@ def write_part(path: Path, part: Part, stamp: Stamp) -> None:
         arrays["triangles" if isinstance(part, Mesh) else "segments"] = cells
     for name, values in part.data.items():
         if name in arrays or name in ARGUMENTS:
-            raise FormatError(f"format 'npz': part {part.name!r} has an array called {name!r}, which npz keeps for itself")
+            raise FormatError(
+                f"format 'npz': part {part.name!r} has an array called {name!r}, which npz keeps for itself"
+            )
         arrays[name] = values
     arrays.update({CELL_PREFIX + name: values for name, values in cell_data_of(part).items()})
     with whole_file(path) as temporary, temporary.open("wb") as file:

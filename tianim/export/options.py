@@ -30,11 +30,13 @@ class OutputOptions(Params):
     )
     up_axis: Literal["y", "z"] = Field("y", description="axis that points up in the files; y inside")
     scale: Positive = Field(
-        1.0, description="length units of the files in a metre (100 for centimetres); fields in m, m/s, m/s^2 too"
+        1.0,
+        description="length units of the files in a metre (100 for centimetres); fields in m, m/s, m/s^2 too",
     )
     fields: Names | Literal["all"] = Field("all", description="data arrays to write, besides the position")
     parts: Names | Literal["all"] = Field(
-        "all", description="parts to write in the formats besides vtu, which holds them all"
+        "all",
+        description="parts to write in the formats besides vtu, which has them all; there from the start",
     )
     first_number: Count = Field(0, description="number in the file name of frame 0 (1 gives name_0001)")
 

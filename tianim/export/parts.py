@@ -14,6 +14,8 @@ from tianim.frame import Array, Frame, Lines, Mesh, Part, Points
 KINDS = {"points": 1, "lines": 2, "triangles": 3}
 # A name that ends in a digit would run into the frame number: "a64_0001" is fine, "a64" is not.
 PART_NAME = re.compile(r"[A-Za-z]([A-Za-z0-9_]*[A-Za-z_])?")
+# What every format takes for the name of an array.
+DATA_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 # Names that programs look for; components of other vectors become name_x, name_y, name_z.
 USUAL_COMPONENTS = {
     "velocity": ("vx", "vy", "vz"),
@@ -122,13 +124,20 @@ def _check_part(part: Part) -> None:
     if part.position.ndim != 2 or part.position.shape[1] != 3:
         raise FormatError(f"part {part.name!r}: position has shape {part.position.shape}, expected (n, 3)")
     if cells is not None and (cells.ndim != 2 or cells.shape[1] != KINDS[kind_of(part)]):
-        raise FormatError(f"part {part.name!r}: cells have shape {cells.shape}, expected (m, {KINDS[kind_of(part)]})")
+        raise FormatError(
+            f"part {part.name!r}: cells have shape {cells.shape}, expected (m, {KINDS[kind_of(part)]})"
+        )
     _check_data(part.name, part.data, len(part.position), "points")
     _check_data(part.name, cell_data_of(part), 0 if cells is None else len(cells), "cells")
 
 
 def _check_data(part_name: str, data: Mapping[str, Array], count: int, what: str) -> None:
     for name, values in data.items():
+        if not DATA_NAME.fullmatch(name):
+            raise FormatError(
+                f"part {part_name!r}: array {name!r}: a name starts with a letter or _ and has only letters, "
+                "digits and _"
+            )
         if values.ndim not in (1, 2) or len(values) != count:
             raise FormatError(
                 f"part {part_name!r}: {name} has shape {values.shape}, expected ({count},) or ({count}, k) "

@@ -5,13 +5,10 @@ against what the documents promise, so the two cannot drift apart. Reading is by
 program's library where there is one (meshio, NumPy, h5py, USD).
 """
 
-import contextlib
 import tempfile
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +17,7 @@ from tianim.export.exporters import Exporters, Plan
 from tianim.export.formats import ALL, FORMATS, Format
 from tianim.export.options import OutputOptions
 from tianim.export.parts import KINDS, cell_data_of, cells_of, component_names, make_part
-from tianim.export.series import frame_name
-from tianim.export.vtu import read_vtu
+from tianim.export.readback import READERS, ReadBack
 from tianim.frame import Array, Frame, Part
 
 COUNTS = (0, 1, 1000)
@@ -29,16 +25,6 @@ FRAMES = 2
 FPS = 30.0
 PART = "sample"
 GEOMETRY = ("position", "cells")
-
-
-@dataclass(frozen=True)
-class ReadBack:
-    """What a reader found in one frame's file; `cells` is None where the format names none."""
-
-    position: Array
-    cells: Array | None
-    data: dict[str, Array] = field(default_factory=dict)
-    cell_data: dict[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -78,20 +64,21 @@ def sample(kind: str, count: int, seed: int = 0) -> Part:
     cell_data = {"tension": random.random(count).astype(np.float32)}
     units = {"velocity": "m/s", "density": "kg/m^3"}
     cells = None if cells is None else cells.astype(np.int32)
-    return make_part(kind, PART, vectors(points, 3), cells, data, {} if kind == "points" else cell_data, units)
+    return make_part(
+        kind, PART, vectors(points, 3), cells, data, {} if kind == "points" else cell_data, units
+    )
 
 
 def round_trip(format_: Format, kind: str, count: int, folder: Path) -> Trip:
-    """Write samples into the empty `folder` and compare what comes back; MissingPartError as the format says."""
+    """Write samples into the empty `folder` and compare what comes back.
+
+    Raises MissingPartError where the format's package is not installed.
+    """
     frames = [Frame(index, index / FPS, (sample(kind, count, seed=index),)) for index in range(FRAMES)]
     plan = Plan(folder, (format_.name,) if format_.name != "vtu" else (), OutputOptions(), FPS)
     format_.load()
     try:
-        exporters = Exporters(plan)
-        with contextlib.closing(_Releasing(exporters)):
-            for frame in frames:
-                exporters.write(plan.select(frame))
-            exporters.finish()
+        _write(plan, frames)
     except FormatError as error:
         return Trip(format_.name, kind, count, refused=str(error))
     found = READERS[format_.name](folder, format_, frames)
@@ -103,9 +90,14 @@ def round_trip(format_: Format, kind: str, count: int, folder: Path) -> Trip:
     return Trip(format_.name, kind, count, fates)
 
 
-class _Releasing:
-    def __init__(self, exporters: Exporters) -> None:
-        self.close = exporters.release
+def _write(plan: Plan, frames: list[Frame]) -> None:
+    exporters = Exporters(plan)
+    try:
+        for frame in frames:
+            exporters.write(plan.select(frame))
+        exporters.finish()
+    finally:
+        exporters.release()
 
 
 def _compare(part: Part, read: ReadBack) -> dict[str, str]:
@@ -119,7 +111,9 @@ def _compare(part: Part, read: ReadBack) -> dict[str, str]:
     for expected, found in ((part.data, read.data), (cell_data_of(part), read.cell_data)):
         for name, values in expected.items():
             if len(values):
-                fates[name] = _fate(values, found[name]) if name in found else _split_fate(name, values, found)
+                fates[name] = (
+                    _fate(values, found[name]) if name in found else _split_fate(name, values, found)
+                )
     if len(position) == 0:
         count = len(read.position)
         fates["position"] = "exact" if count == 0 else f"{count} unused point"
@@ -142,152 +136,6 @@ def _split_fate(name: str, values: Array, found: dict[str, Array]) -> str:
     if not names or any(one not in found for one in names):
         return "dropped"
     return "split" if np.array_equal(np.stack([found[one] for one in names], axis=1), values) else "CHANGED"
-
-
-# Readers: what is in the folder, one ReadBack a frame.
-
-
-def _files(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[Path]:
-    return [folder / frame_name(PART, frame.index, format_.suffix) for frame in frames]
-
-
-def _read_vtu(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
-    parts = [read_vtu(path) for path in _files(folder, format_, frames)]
-    return [ReadBack(part.position, cells_of(part), dict(part.data), dict(cell_data_of(part))) for part in parts]
-
-
-def _read_meshio(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
-    from tianim.export.meshio_formats import EMPTY_FILES, read
-
-    found = []
-    for path, frame in zip(_files(folder, format_, frames), frames, strict=True):
-        if path.suffix == ".msh" and path.read_text(errors="replace") == EMPTY_FILES[".msh"]:
-            # Gmsh takes it; meshio's reader does not.
-            found.append(ReadBack(np.zeros((0, 3)), None))
-            continue
-        mesh = read(path)
-        kind = "points" if cells_of(frame.parts[0]) is None else None
-        cells = None if kind or not mesh.cells else mesh.cells[0].data
-        cell_data = {name: blocks[0] for name, blocks in mesh.cell_data.items() if blocks}
-        position = mesh.points.reshape(-1, 3)
-        found.append(ReadBack(position, cells, dict(mesh.point_data), cell_data))
-    return found
-
-
-def _read_npz(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
-    from tianim.export.npz import CELL_PREFIX
-
-    found = []
-    for path in _files(folder, format_, frames):
-        with np.load(path) as archive:
-            data = {name: archive[name] for name in archive.files}
-        cells = data.pop("triangles", data.pop("segments", None))
-        cell_data = {
-            name.removeprefix(CELL_PREFIX): data.pop(name) for name in list(data) if name.startswith(CELL_PREFIX)
-        }
-        found.append(ReadBack(data.pop("position"), cells, data, cell_data))
-    return found
-
-
-def _read_xdmf_series(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
-    import h5py
-
-    root = ElementTree.parse(folder / f"{PART}.xdmf").getroot()
-    found = []
-    with h5py.File(folder / f"{PART}.h5") as file:
-
-        def values(element: Any) -> Array:
-            return np.asarray(file[element.find("DataItem").text.partition(":")[2]])
-
-        for grid in root.findall(".//Grid[@GridType='Uniform']"):
-            topology = grid.find("Topology")
-            attributes = [(one.get("Center"), one.get("Name"), values(one)) for one in grid.findall("Attribute")]
-            found.append(
-                ReadBack(
-                    values(grid.find("Geometry")),
-                    values(topology)[: int(topology.get("NumberOfElements"))],  # type: ignore[union-attr, arg-type]
-                    {str(name): array for center, name, array in attributes if center == "Node"},
-                    {str(name): array for center, name, array in attributes if center == "Cell"},
-                )
-            )
-    return found
-
-
-def _read_vtkhdf(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
-    import h5py
-
-    found = []
-    with h5py.File(folder / f"{PART}.vtkhdf") as file:
-        root = file["VTKHDF"]
-        steps = root["Steps"]
-        for step in range(len(frames)):
-            group = int(steps["PartOffsets"][step])
-            points, cells = (int(root[name][group]) for name in ("NumberOfPoints", "NumberOfCells"))
-            ids = int(root["NumberOfConnectivityIds"][group])
-
-            def rows(name: str, offset: str, count: int, step: int = step) -> Array:
-                begin = int(steps[offset][step])
-                return np.asarray(root[name][begin : begin + count])
-
-            connectivity = rows("Connectivity", "ConnectivityIdOffsets", ids)
-            found.append(
-                ReadBack(
-                    rows("Points", "PointOffsets", points),
-                    connectivity.reshape(cells, -1) if cells else None,
-                    {one: rows(f"PointData/{one}", f"PointDataOffsets/{one}", points) for one in root["PointData"]},
-                    {one: rows(f"CellData/{one}", f"CellDataOffsets/{one}", cells) for one in root["CellData"]},
-                )
-            )
-    return found
-
-
-def _read_usd(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
-    from pxr import Usd, UsdGeom
-
-    from tianim.export.usd import FILE_NAME
-
-    stage = Usd.Stage.Open(str(folder / FILE_NAME))
-    prim = stage.GetPrimAtPath(f"/World/{PART}")
-    return [_read_usd_frame(UsdGeom, prim, frame.index) for frame in frames]
-
-
-def _read_usd_frame(geom: Any, prim: Any, code: int) -> ReadBack:
-    def get(name: str) -> Array:
-        return np.array(prim.GetAttribute(name).Get(code))
-
-    data: dict[str, dict[str, Array]] = {"vertex": {}, "uniform": {}, "constant": {}}
-    for primvar in geom.PrimvarsAPI(prim).GetPrimvars():
-        values = np.array(primvar.Get(code))
-        if primvar.GetElementSize() > 1:
-            values = values.reshape(-1, primvar.GetElementSize())
-        data[primvar.GetInterpolation()][primvar.GetPrimvarName()] = values
-    for name, attribute in (("velocity", "velocities"), ("id", "ids")):
-        if prim.GetAttribute(attribute).HasAuthoredValue():
-            data["vertex"][name] = get(attribute)
-    position, cells = get("points").reshape(-1, 3), None
-    if prim.IsA(geom.Mesh):
-        cells = get("faceVertexIndices").reshape(-1, 3)
-    elif prim.IsA(geom.BasisCurves):
-        # Back from curves to the part's points and segments.
-        counts, index = get("curveVertexCounts"), data["vertex"].pop("point")
-        ends = np.cumsum(counts)
-        inner = np.setdiff1d(np.arange(len(index)), ends - 1)
-        cells = np.stack([index[inner], index[inner + 1]], axis=1) if len(index) else None
-        _, first = np.unique(index, return_index=True)
-        position = position[first]
-        data["vertex"] = {name: values[first] for name, values in data["vertex"].items()}
-    return ReadBack(position, cells, data["vertex"], data["uniform"])
-
-
-READERS: dict[str, Callable[[Path, Format, Sequence[Frame]], list[ReadBack]]] = {
-    name: _read_meshio for name, one in FORMATS.items() if one.module == "meshio_formats"
-} | {
-    "vtu": _read_vtu,
-    "npz": _read_npz,
-    "xdmf_series": _read_xdmf_series,
-    "vtkhdf": _read_vtkhdf,
-    "usd": _read_usd,
-}
 
 
 @dataclass(frozen=True)
@@ -343,5 +191,8 @@ def _geometry(trips: Iterable[Trip]) -> str:
     for trip in trips:
         fates = ["refused"] if trip.refused else [trip.fates[name] for name in GEOMETRY if name in trip.fates]
         words[trip.count == 0] += [fate for fate in fates if fate not in words[trip.count == 0]]
-    full, empty = (" and ".join([fate for fate in fates if fate != "exact"] or ["exact"]) for fates in (words[False], words[True]))
+    full, empty = (
+        " and ".join([fate for fate in fates if fate != "exact"] or ["exact"])
+        for fates in (words[False], words[True])
+    )
     return full if empty in (full, "exact") else f"{full} (empty: {empty})"

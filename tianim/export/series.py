@@ -62,7 +62,9 @@ class Series:
                 pvd.unlink(missing_ok=True)
                 series.unlink(missing_ok=True)
             return
-        lines = (f'<DataSet timestep="{time!r}" part="0" file="{name}"/>\n' for time, name in self.entries.values())
+        lines = (
+            f'<DataSet timestep="{time!r}" part="0" file="{name}"/>\n' for time, name in self.entries.values()
+        )
         write_text(
             pvd,
             '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'

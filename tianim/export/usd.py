@@ -23,7 +23,7 @@ from tianim.export.axes import is_quaternion, is_vector
 from tianim.export.files import whole_folder
 from tianim.export.formats import RunInfo
 from tianim.export.parts import cell_data_of, kind_of
-from tianim.frame import Array, Float, Frame, Int, Lines, Mesh, Part
+from tianim.frame import Array, Frame, Int, Lines, Mesh, Part
 
 FILE_NAME = "scene.usdc"
 # Bytes of samples that are held before they are written out.
@@ -135,7 +135,12 @@ class _Prim:
             self._add_data(name, pick(values), "vertex", part.units.get(name, ""), code)
         for name, values in cell_data_of(part).items():
             self._add_data(name, values, "uniform", part.units.get(name, ""), code)
-        if self._kind != "triangles" and "radius" not in part.data and "width" not in self._last and len(position):
+        if (
+            self._kind != "triangles"
+            and "radius" not in part.data
+            and "width" not in self._last
+            and len(position)
+        ):
             share = LINE_WIDTH if self._kind == "lines" else POINT_WIDTH / len(position) ** (1 / 3)
             width = np.array([share * max(float(np.ptp(position, axis=0).max()), 1e-3)], np.float32)
             self._last["width"] = (width, code)
@@ -147,7 +152,9 @@ class _Prim:
         """The faces, or the curves; gives the points of the part that the prim has, None for all."""
         if isinstance(part, Mesh):
             self._set(self._geometry.CreateFaceVertexIndicesAttr(), part.triangles.reshape(-1), code)
-            self._set(self._geometry.CreateFaceVertexCountsAttr(), np.full(len(part.triangles), 3, np.int32), code)
+            self._set(
+                self._geometry.CreateFaceVertexCountsAttr(), np.full(len(part.triangles), 3, np.int32), code
+            )
         if not isinstance(part, Lines):
             return None
         counts, chosen = curves_of(part.segments, joined=not part.cell_data)
@@ -214,7 +221,7 @@ def _types(name: str, values: Array) -> tuple[Any, Any, int]:
     return *TYPES[code, 1], components
 
 
-def _extent(position: Float) -> Any:
+def _extent(position: Array) -> Any:
     if len(position) == 0:
         return Vt.Vec3fArray([(0, 0, 0), (0, 0, 0)])
     return Vt.Vec3fArray.FromNumpy(np.stack([position.min(axis=0), position.max(axis=0)]))

@@ -2,7 +2,8 @@
 
 VTK's own format for ParaView 5.12 and later. Every array is one dataset to which each frame
 appends its rows; `Steps` says where the rows of a frame begin. Cells that stay the same are
-stored once: a VTKHDF "part" is a set of cells here, which several steps may share. Reference: VTK file formats, VTKHDF 2.x,
+stored once: a VTKHDF "part" is a set of cells here, which several steps may share.
+Reference: VTK file formats, VTKHDF 2.x,
 https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html
 """
 
@@ -83,7 +84,9 @@ class _PartFile:
             self._cells, self._points, nodes = cells, points, KINDS[kind_of(part)]
             self._cells_begin = {
                 "PartOffsets": self._append("NumberOfCells", np.array([len(cells)])),
-                "CellOffsets": self._append("Types", np.full(len(cells), CELL_TYPES[kind_of(part)], np.uint8)),
+                "CellOffsets": self._append(
+                    "Types", np.full(len(cells), CELL_TYPES[kind_of(part)], np.uint8)
+                ),
                 "ConnectivityIdOffsets": self._append("Connectivity", cells.reshape(-1).astype(np.int64)),
             }
             self._append("Offsets", np.arange(len(cells) + 1) * nodes)

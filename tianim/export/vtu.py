@@ -16,13 +16,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
-from xml.sax.saxutils import quoteattr, escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tianim.errors import OutputError
-from tianim.export.axes import Axes
+from tianim.export.axes import Axes, UpAxis
 from tianim.export.files import Chunk, whole_file, write_chunks
 from tianim.export.formats import Stamp
 from tianim.export.parts import KINDS, cell_data_of, cells_of, kind_of, make_part
@@ -100,7 +100,9 @@ class _Column:
         )
         if not self.unit:
             return text + "/>\n"
-        label = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(self.unit)}</InformationKey>'
+        label = (
+            f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(self.unit)}</InformationKey>'
+        )
         return f"{text}>{label}</DataArray>\n"
 
 
@@ -118,7 +120,7 @@ def write_part(path: Path, part: Part, stamp: Stamp) -> None:
     for column in reversed(columns):
         chunks.append(column.values.nbytes.to_bytes(LENGTH.itemsize, "little"))
         if column.values.nbytes:
-            chunks.append(memoryview(column.values).cast("B"))
+            chunks.append(column.values.data.cast("B"))
     chunks.append(CLOSING)
     with whole_file(path) as temporary:
         write_chunks(temporary, chunks)
@@ -131,11 +133,15 @@ def _sections(part: Part) -> dict[str, list[_Column]]:
     cell_count = point_count if cells is None else len(cells)
     nodes = KINDS[kind]
     dtype = np.dtype("<i4") if max(point_count, cell_count * nodes) < INT32_LIMIT else np.dtype("<i8")
-    connectivity = _topology.rising(point_count, 1, dtype) if cells is None else cells.astype(dtype, copy=False)
+    connectivity = (
+        _topology.rising(point_count, 1, dtype) if cells is None else cells.astype(dtype, copy=False)
+    )
     return {
         "Points": [_column("Points", part.position, "m")],
         "PointData": [_column(name, values, part.units.get(name, "")) for name, values in part.data.items()],
-        "CellData": [_column(name, values, part.units.get(name, "")) for name, values in cell_data_of(part).items()],
+        "CellData": [
+            _column(name, values, part.units.get(name, "")) for name, values in cell_data_of(part).items()
+        ],
         "Cells": [
             _column("connectivity", connectivity.reshape(-1)),
             _column("offsets", _topology.rising(cell_count + 1, nodes, dtype)[1:]),
@@ -190,8 +196,10 @@ class _Header:
 
     @property
     def stamp(self) -> Stamp:
-        up = "z" if int(self._field("up_axis")) == 2 else "y"
-        return Stamp(int(self._field("frame")), float(self._field("TimeValue")), Axes(up, float(self._field("scale"))))
+        up: UpAxis = "z" if int(self._field("up_axis")) == 2 else "y"
+        return Stamp(
+            int(self._field("frame")), float(self._field("TimeValue")), Axes(up, float(self._field("scale")))
+        )
 
     def _field(self, name: str) -> str:
         return self._find(f".//FieldData/DataArray[@Name='{name}']").text or ""
@@ -231,7 +239,7 @@ def _opened(path: Path) -> Iterator[tuple[BinaryIO, _Header]]:
     """The open file and its header; OutputError where it is not there, not ours or damaged."""
     try:
         with path.open("rb", buffering=0) as file:
-            yield file, _read_header(file)  # type: ignore[misc]
+            yield file, _read_header(file)
     except OSError as error:
         raise OutputError(f"{path}: cannot read: {(error.strerror or str(error)).lower()}") from error
     except (ValueError, KeyError, ElementTree.ParseError) as error:
@@ -254,7 +262,9 @@ def read_vtu(path: Path, name: str | None = None) -> Part:
     with _opened(path) as (file, header):
         kind = header.kind
         # The cells of a point cloud are its points: not read.
-        cells = None if kind == "points" else header.read(file, "Cells")["connectivity"].reshape(-1, KINDS[kind])
+        cells = (
+            None if kind == "points" else header.read(file, "Cells")["connectivity"].reshape(-1, KINDS[kind])
+        )
         part = make_part(
             kind,
             name or path.stem.rpartition("_")[0] or path.stem,

@@ -50,6 +50,7 @@ class FrameWriter:
         self._plan = plan
         self._local = Exporters(plan)
         self._remote: _Remote | None = None
+        self._begun = False
         is_text = any(one.is_text for one in plan.tables)
         self._large = LARGE_FRAME // TEXT_COST if is_text else LARGE_FRAME
 
@@ -60,6 +61,9 @@ class FrameWriter:
         it could not be written.
         """
         frame = self._plan.select(frame)
+        if not self._begun:
+            self._plan.check_parts(part.name for part in frame.parts)
+            self._begun = True
         if self._remote is None and sum(map(byte_count, frame.parts)) >= self._large:
             self._local.release()
             self._remote = _Remote(replace(self._plan, resume_from=frame.index))
@@ -117,7 +121,11 @@ class _Remote:
             pass_fds=(theirs.fileno(),),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
+                "PYTHONSAFEPATH": "1",
+            },
             # Out of reach of the terminal's Ctrl-C, which this process handles.
             start_new_session=True,
         )
@@ -197,7 +205,9 @@ class _Remote:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(1.0)
             code = self._process.returncode
-            self._failure = OutputError(f"the process that writes frames ended (exit code {code}); was memory short?")
+            self._failure = OutputError(
+                f"the process that writes frames ended (exit code {code}); was memory short?"
+            )
             raise self._failure from error
         if failure:
             kind, text = failure

@@ -89,7 +89,8 @@ class _PartFile:
     def _attribute(self, group: Any, key: str, name: str, values: Array, center: str) -> str:
         shape = SHAPES[1 if values.ndim == 1 else values.shape[1]]
         item = self._item(group, key, values)
-        return f'<Attribute Name={quoteattr(name)} AttributeType="{shape}" Center="{center}">{item}</Attribute>\n'
+        opening = f'<Attribute Name={quoteattr(name)} AttributeType="{shape}" Center="{center}">'
+        return f"{opening}{item}</Attribute>\n"
 
     def _item(self, group: Any, key: str, values: Array) -> str:
         """Store `values`; gives the DataItem that points at them."""
@@ -100,8 +101,9 @@ class _PartFile:
         kind = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind]
         if size == 1:
             kind = {"Int": "Char", "UInt": "UChar"}[kind]
+        dimensions = " ".join(map(str, values.shape))
         return (
-            f'<DataItem NumberType="{kind}" Precision="{size}" Dimensions="{" ".join(map(str, values.shape))}" '
+            f'<DataItem NumberType="{kind}" Precision="{size}" Dimensions="{dimensions}" '
             f'Format="HDF">{self._path.stem}.h5:{group.name}/{key}</DataItem>'
         )
 

@@ -28,7 +28,7 @@ def build(scene: Scene) -> Simulation:
 
 def _system(name: str, params: SystemParams, world: World) -> System:
     try:
-        return SYSTEMS[params.kind].system(name, params, world)  # type: ignore[call-arg]  # a Protocol's __init__
+        return SYSTEMS[params.kind].system(name, params, world)
     except SceneError as error:
         raise SceneError(f"systems.{name}: {error}") from None
 

@@ -44,9 +44,20 @@ def permute_i32(n: ti.i32, rows: ti.i32, destination: i32_1d, source: i32_2d, ta
 
 
 @ti.kernel
-def permute_vectors(n: ti.i32, destination: i32_1d, x: f32_2d, v: f32_2d, x2: f32_2d, v2: f32_2d):
+def permute_moving(
+    n: ti.i32,
+    destination: i32_1d,
+    identity: i32_2d,
+    x: f32_2d,
+    v: f32_2d,
+    identity2: i32_2d,
+    x2: f32_2d,
+    v2: f32_2d,
+):
+    """Id, position and velocity at once: a launch costs 30 us, as much as sorting 10,000 ids."""
     for i in range(n):
         d = destination[i]
+        identity2[0, d] = identity[0, i]
         for c in ti.static(range(3)):
             x2[c, d] = x[c, i]
             v2[c, d] = v[c, i]
@@ -101,7 +112,9 @@ class Columns:
             dtype = ti.f32 if width > 0 else ti.i32
             self._now[name] = ti.ndarray(dtype, (abs(width), self.capacity))
             self._next[name] = ti.ndarray(dtype, (abs(width), self.capacity))
-        self.restore({name: np.zeros((abs(width), count), self.dtype(name)) for name, width in self.widths.items()})
+        self.restore(
+            {name: np.zeros((abs(width), count), self.dtype(name)) for name, width in self.widths.items()}
+        )
         self._now["id"].from_numpy(self._padded(np.arange(count, dtype=np.int32)[None]))
 
     def __getitem__(self, name: str) -> Any:
@@ -119,11 +132,11 @@ class Columns:
         """Move particle i to `destination[i]` in every array."""
         rest = dict(self.widths)
         if rest.get("position") == 3 and rest.get("velocity") == 3:
-            permute_vectors(
-                self.count, destination, self["position"], self["velocity"],
-                self._next["position"], self._next["velocity"],
+            permute_moving(
+                self.count, destination, self["id"], self["position"], self["velocity"],
+                self._next["id"], self._next["position"], self._next["velocity"],
             )  # fmt: skip
-            del rest["position"], rest["velocity"]
+            del rest["id"], rest["position"], rest["velocity"]
         for name, width in rest.items():
             kernel = permute_f32 if width > 0 else permute_i32
             kernel(self.count, abs(width), destination, self._now[name], self._next[name])

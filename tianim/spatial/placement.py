@@ -42,6 +42,7 @@ __all__ = [
     "Shell",
     "Swirl",
     "Torus",
+    "check_start",
     "directions",
     "own_count",
     "place",
@@ -72,6 +73,20 @@ def own_count(placement: Placement) -> int | None:
     if isinstance(placement, PointFile):
         return len(read_points(placement.path).position)
     return None
+
+
+def check_start(count: int | None, start: Placement, heading: Heading) -> None:
+    """ValueError where `count`, the places and the directions cannot go together."""
+    there = own_count(start)
+    if there is None and count is None:
+        raise ValueError(f"count: must be given, a start of kind {start.kind} takes any number")
+    if there is not None and count not in (None, there):
+        raise ValueError(f"count {count}: must be {there}, the number of points that the start brings")
+    if isinstance(heading, FileHeading):
+        try:
+            _from_file(heading, there if there is not None else count or 0)
+        except SceneError as error:
+            raise ValueError(f"heading: {error}") from None
 
 
 def place(placement: Placement, count: int | None, rng: np.random.Generator, dimension: int = 3) -> Placed:

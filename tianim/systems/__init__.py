@@ -1,6 +1,7 @@
 """The table of systems: one line each. Adding a system means a file, a line here, a test file."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from tianim.system import System, SystemParams, World
 from tianim.systems.boids import Boids, BoidsParams
@@ -12,7 +13,7 @@ class SystemKind(NamedTuple):
     """A kind of system: its parameters and its class, built as `system(name, params, world)`."""
 
     params: type[SystemParams]
-    system: type[System]
+    system: Callable[[str, Any, World], System]
 
 
 SYSTEMS: dict[str, SystemKind] = {

@@ -17,14 +17,15 @@ import math
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
+from typing_extensions import Self
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import normal3, unit_vector
 from tianim.params import Animated, Count, Degrees, NonNegative, Positive
 from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded
-from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, directions, place
+from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
 from tianim.system import SystemParams, World
 from tianim.systems.boids.flocking import TINY
 from tianim.systems.boids.motion import turned
@@ -49,6 +50,11 @@ class CouzinParams(SystemParams):
     turn_rate: Positive = Field(40.0, description="fastest turn [deg/s]")
     noise: NonNegative = Field(0.05, description="deviation sigma of the wish a step [rad]")
     time_step: Positive = Field(0.1, description="step tau [s]")
+
+    @model_validator(mode="after")
+    def _start_fits(self) -> Self:
+        check_start(self.count, self.start, self.heading)
+        return self
 
     def particle_count(self) -> int:
         """All of them."""

@@ -50,10 +50,10 @@ def nearest_bound(dimension: ti.template(), k, reach, me, begin, end, scratch: t
                 dz = scratch[2, j] - zi
             r2 = dx * dx + dy * dy + dz * dz
             inside += ti.select((j < end) & (r2 < bound), 1.0, 0.0)
-        # The boid itself is among them.
-        if inside <= k + 0.5:
+        # The boid itself is among them, beside its k neighbours.
+        if inside <= k + 1.5:
             low = bound
-            if inside > k - 0.5 or bound >= reach:
+            if inside > k + 0.5 or bound >= reach:
                 break
         else:
             high = bound

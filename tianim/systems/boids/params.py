@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from typing_extensions import Self
 
 from tianim.params import Animated, Count, Degrees, Name, NonNegative, Params, Positive
-from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, own_count
+from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, own_count
 from tianim.system import Bounds, SystemParams
 from tianim.systems.boids.behaviours import (
     Behaviour,
@@ -91,12 +91,8 @@ class Species(Params):
         return self.count if self.count is not None else own_count(self.start) or 0
 
     @model_validator(mode="after")
-    def _count_is_known(self) -> Self:
-        there = own_count(self.start)
-        if there is None and self.count is None:
-            raise ValueError(f"count: must be given, a start of kind {self.start.kind} takes any number")
-        if there is not None and self.count not in (None, there):
-            raise ValueError(f"count {self.count}: the start has {there} points; leave count out")
+    def _start_fits(self) -> Self:
+        check_start(self.count, self.start, self.heading)
         return self
 
 

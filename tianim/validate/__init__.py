@@ -1,0 +1,80 @@
+"""Validation: systems held against published, exact and brute-force numbers.
+
+    for result in run("boids", slow=False, out=Path("out/validation")):
+        print(result["check"], result["measured"], result["passed"])
+
+The cases serve `tianim validate` and the tests alike. A family (`boids`) includes the models that
+belong to it; each can be asked for by itself too.
+"""
+
+import difflib
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tianim import runtime
+from tianim.errors import BlowupError, SceneError
+from tianim.validate import couzin, flocking, murmuration, steering, vicsek
+from tianim.validate.case import Case, Figure
+
+__all__ = ["CASES", "Case", "Figure", "run"]
+
+_FLOCKS = (*flocking.CASES, *steering.CASES, *murmuration.CASES)
+CASES: dict[str, tuple[Case, ...]] = {
+    "boids": (*_FLOCKS, *vicsek.CASES, *couzin.CASES),
+    "couzin": couzin.CASES,
+    "vicsek": vicsek.CASES,
+}
+
+Result = dict[str, Any]
+
+
+def run(system: str | None = None, slow: bool = False, out: Path | None = None) -> Iterator[Result]:
+    """Results of the cases of `system` (all where None), one by one; `slow` runs the long ones too.
+
+    A result has the keys system, check, expected, measured, error, tolerance, passed, source and
+    seconds, plain JSON types all; measured is None where a run blew up. Plots are written into
+    `out` as soon as all points of a figure are there. SceneError for a system without cases.
+    """
+    if system is not None and system not in CASES:
+        nearest = difflib.get_close_matches(system, CASES, n=1)
+        hint = f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(CASES)}"
+        raise SceneError(f"no checks for system {system!r}: {hint}")
+    asked = CASES.values() if system is None else (CASES[system],)
+    cases = tuple(dict.fromkeys(case for group in asked for case in group if slow or not case.slow))
+    return _results(cases, out)
+
+
+def _results(cases: tuple[Case, ...], out: Path | None) -> Iterator[Result]:
+    runtime.current()
+    measured: dict[Case, float] = {}
+    for k, case in enumerate(cases):
+        started = time.perf_counter()
+        try:
+            measured[case] = float(case.run())
+        except BlowupError:
+            measured[case] = math.nan
+        yield result(case, measured[case], time.perf_counter() - started)
+        figure = case.figure
+        if out is not None and figure is not None and figure not in (other.figure for other in cases[k + 1 :]):
+            from tianim.validate.plots import plot
+
+            plot(figure, {case: value for case, value in measured.items() if case.figure == figure}, out)
+
+
+def result(case: Case, measured: float, seconds: float) -> Result:
+    """A case and what came out, as plain JSON types."""
+    finite = math.isfinite(measured)
+    return {
+        "system": case.system,
+        "check": case.name,
+        "expected": list(case.expected) if isinstance(case.expected, tuple) else case.expected,
+        "measured": measured if finite else None,
+        "error": case.error(measured) if finite else None,
+        "tolerance": case.tolerance,
+        "passed": case.passed(measured),
+        "source": case.source,
+        "seconds": round(seconds, 3),
+    }

@@ -1,0 +1,5 @@
+"""To come."""
+
+from tianim.validate.case import Case
+
+CASES: tuple[Case, ...] = ()

@@ -31,7 +31,9 @@ def main() -> None:
     """Simulate 150 frames of 8,000 birds and draw them."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/gust")
     tianim.start()
-    scene = tianim.load_scene("configs/murmuration.yaml", ["boids.count=8000", "boids.start.radius=12", "duration=6"])
+    scene = tianim.load_scene(
+        "configs/murmuration.yaml", ["boids.count=8000", "boids.start.radius=12", "duration=6"]
+    )
     simulation = tianim.build(scene)
     birds = simulation["boids"]
     birds.add_force(gust)
@@ -41,8 +43,10 @@ def main() -> None:
         frames.append(frame)
         if frame.index % 30 == 0:
             height = birds.read("position")[:, 1]
-            print(f"{frame.time:4.1f} s  height {height.mean():5.1f} m  "
-                  f"polarisation {frame.diagnostics['boids.polarisation']:.2f}")
+            print(
+                f"{frame.time:4.1f} s  height {height.mean():5.1f} m  "
+                f"polarisation {frame.diagnostics['boids.polarisation']:.2f}"
+            )
     for path in render_run(frames, scene.view, folder, scene.fps):
         print(path)
 

@@ -54,7 +54,7 @@ def start(arch: Arch = "cpu", threads: int | None = None) -> Runtime:
         raise SceneError(f"--threads {threads}: must be between 1 and 1024")
     wanted = Runtime(arch, threads or available_cores(), COMPILER)
     if _started is not None:
-        if threads is None and arch == _started.arch or wanted == _started:
+        if (threads is None and arch == _started.arch) or wanted == _started:
             return _started
         raise SceneError(f"the runtime was started with {_started}; one process cannot start another")
     # The compiler prints a line on standard output; `bench --json` must stay pure.
@@ -77,7 +77,10 @@ def start(arch: Arch = "cpu", threads: int | None = None) -> Runtime:
 def _cache_folder() -> Path:
     """Folder of compiled kernels; a read-only home falls back to the temporary folder."""
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    for folder in (home / "tianim" / COMPILER, Path(tempfile.gettempdir()) / f"tianim-{os.getuid()}" / COMPILER):
+    for folder in (
+        home / "tianim" / COMPILER,
+        Path(tempfile.gettempdir()) / f"tianim-{os.getuid()}" / COMPILER,
+    ):
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):

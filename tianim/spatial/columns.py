@@ -29,6 +29,7 @@ def staggered(count: int) -> int:
 
 @ti.kernel
 def permute_f32(n: ti.i32, rows: ti.i32, destination: i32_1d, source: f32_2d, target: f32_2d):
+    """Move particle i to destination[i], float rows."""
     for i in range(n):
         d = destination[i]
         for c in range(rows):
@@ -37,6 +38,7 @@ def permute_f32(n: ti.i32, rows: ti.i32, destination: i32_1d, source: f32_2d, ta
 
 @ti.kernel
 def permute_i32(n: ti.i32, rows: ti.i32, destination: i32_1d, source: i32_2d, target: i32_2d):
+    """Move particle i to destination[i], integer rows."""
     for i in range(n):
         d = destination[i]
         for c in range(rows):
@@ -65,6 +67,7 @@ def permute_moving(
 
 @ti.kernel
 def to_id_order_f32(n: ti.i32, rows: ti.i32, identity: i32_2d, source: f32_2d, out: f32_2d):
+    """Rows in storage order into out (n, rows) in id order."""
     for i in range(n):
         k = identity[0, i]
         for c in range(rows):
@@ -73,6 +76,7 @@ def to_id_order_f32(n: ti.i32, rows: ti.i32, identity: i32_2d, source: f32_2d, o
 
 @ti.kernel
 def to_id_order_i32(n: ti.i32, rows: ti.i32, identity: i32_2d, source: i32_2d, out: i32_2d):
+    """Rows in storage order into out (n, rows) in id order."""
     for i in range(n):
         k = identity[0, i]
         for c in range(rows):
@@ -81,6 +85,7 @@ def to_id_order_i32(n: ti.i32, rows: ti.i32, identity: i32_2d, source: i32_2d, o
 
 @ti.kernel
 def from_id_order_f32(n: ti.i32, rows: ti.i32, identity: i32_2d, values: f32_2d, target: f32_2d):
+    """Values (n, rows) in id order into rows in storage order."""
     for i in range(n):
         k = identity[0, i]
         for c in range(rows):
@@ -89,6 +94,7 @@ def from_id_order_f32(n: ti.i32, rows: ti.i32, identity: i32_2d, values: f32_2d,
 
 @ti.kernel
 def from_id_order_i32(n: ti.i32, rows: ti.i32, identity: i32_2d, values: i32_2d, target: i32_2d):
+    """Values (n, rows) in id order into rows in storage order."""
     for i in range(n):
         k = identity[0, i]
         for c in range(rows):

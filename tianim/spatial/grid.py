@@ -34,7 +34,6 @@ Limits: a periodic box must be at least 3.003 radii wide on every axis that has 
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -74,7 +73,13 @@ def cell_coordinate(x, axis, shape: ti.template(), geometry: ti.template()):
 
 @ti.kernel
 def sort_order(
-    shape: i32_1d, geometry: f32_1d, x: f32_2d, cell: i32_1d, histogram: i32_2d, start: i32_1d, destination: i32_1d
+    shape: i32_1d,
+    geometry: f32_1d,
+    x: f32_2d,
+    cell: i32_1d,
+    histogram: i32_2d,
+    start: i32_1d,
+    destination: i32_1d,
 ):
     """Counting sort by cell, stable: where each particle goes, and where each cell starts."""
     n, tasks, stride = shape[COUNT], shape[TASKS], shape[STRIDE]
@@ -174,13 +179,11 @@ def gather_tube(
     position, [3:6] the velocity, [6] the tag; offset[t, s] is where slice s starts.
     """
     nx, ny, nz = shape[NX], shape[NY], shape[NZ]
-    periodic = shape[PERIODIC]
     cy, cz = row % ny, row // ny
     if cy == ny - 1:
         cy = -1
-    if ti.static(dimension == 3):
-        if cz == nz - 1:
-            cz = -1
+    if ti.static(dimension == 3) and cz == nz - 1:
+        cz = -1
     m = t * shape[CAPACITY]
     for s in range(nx + 2):
         offset[t, s] = m
@@ -201,10 +204,9 @@ def gather_tube(
             if yy < 0:
                 yy += ny
                 shift_y = geometry[LENGTH + 1]
-            if ti.static(dimension == 3):
-                if zz < 0:
-                    zz += nz
-                    shift_z = geometry[LENGTH + 2]
+            if ti.static(dimension == 3) and zz < 0:
+                zz += nz
+                shift_z = geometry[LENGTH + 2]
             c = (zz * ny + yy) * nx + column
             begin, end = start[c], start[c + 1]
             move = m - begin
@@ -248,7 +250,9 @@ class NeighborGrid:
     Kernels get `shape`, `geometry`, `start`, `scratch` and `offset`.
     """
 
-    def __init__(self, count: int, dimension: int, bounds: Bounds, radius: float, tagged: bool = False) -> None:
+    def __init__(
+        self, count: int, dimension: int, bounds: Bounds, radius: float, tagged: bool = False
+    ) -> None:
         self.count = count
         self.dimension = dimension
         self.bounds = bounds
@@ -318,7 +322,14 @@ class NeighborGrid:
             self.scratch = ti.ndarray(ti.f32, (rows, self.tasks * self._capacity + LANES))
         self.shape.from_numpy(
             np.array(
-                [*self.cells, self.count, self.tasks, self.stride, self._capacity, self.bounds.kind == "periodic"],
+                [
+                    *self.cells,
+                    self.count,
+                    self.tasks,
+                    self.stride,
+                    self._capacity,
+                    self.bounds.kind == "periodic",
+                ],
                 np.int32,
             )
         )
@@ -326,7 +337,13 @@ class NeighborGrid:
     def sort(self, columns: Columns) -> None:
         """Put the columns into cell order; afterwards `start` says where each cell begins."""
         sort_order(
-            self.shape, self.geometry, columns["position"], self.cell, self.histogram, self.start, self.destination
+            self.shape,
+            self.geometry,
+            columns["position"],
+            self.cell,
+            self.histogram,
+            self.start,
+            self.destination,
         )
         columns.permute(self.destination)
         needed = largest_tube(self.dimension, self.shape, self.start)

@@ -143,7 +143,7 @@ class Vortex(Params):
 
 
 class Cellular(Params):
-    """Rolls of alternating sense, divergence-free: u = speed (sin kx cos ky, -cos kx sin ky, 0), k = pi/size."""
+    """Rolls of alternating sense: u = speed (sin kx cos ky, -cos kx sin ky, 0), k = pi/size."""
 
     kind: Literal["cellular"] = "cellular"
     size: Positive = Field(10.0, description="width of a roll [m]")

@@ -44,7 +44,9 @@ class CouzinParams(SystemParams):
     heading: Heading = Field(RandomHeading(), description="which way they head at the start")
     speed: Positive = Field(3.0, description="speed s of all [m/s]")
     repulsion_radius: Positive = Field(1.0, description="radius r_r of the zone of repulsion [m]")
-    orientation_width: Animated[NonNegative] = Field(2.0, description="width dr_o of the zone of orientation [m]")
+    orientation_width: Animated[NonNegative] = Field(
+        2.0, description="width dr_o of the zone of orientation [m]"
+    )
     attraction_width: NonNegative = Field(14.0, description="width dr_a of the zone of attraction [m]")
     field_of_view: Degrees = Field(270.0, description="full angle seen [deg]")
     turn_rate: Positive = Field(40.0, description="fastest turn [deg/s]")
@@ -118,7 +120,9 @@ def decide(
                             seen = ti.select(ahead * ti.abs(ahead) >= view * r2, other, 0.0)
                             near = ti.select(r2 < repulsion, other, 0.0)
                             middle = ti.select((r2 >= repulsion) & (r2 < orientation), seen, 0.0)
-                            outer = ti.select((r2 >= orientation) & (r2 >= repulsion) & (r2 < attraction), seen, 0.0)
+                            outer = ti.select(
+                                (r2 >= orientation) & (r2 >= repulsion) & (r2 < attraction), seen, 0.0
+                            )
                             inverse = ti.rsqrt(r2 + TINY)
                             rx -= near * inverse * dx
                             ry -= near * inverse * dy

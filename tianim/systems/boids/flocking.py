@@ -90,7 +90,18 @@ def flock(
                 if start[row * nx + nx] == start[row * nx]:
                     continue
                 gather_tube(
-                    dimension, species_aware, task, row, shape, geometry, start, x, v, species, scratch, offset
+                    dimension,
+                    species_aware,
+                    task,
+                    row,
+                    shape,
+                    geometry,
+                    start,
+                    x,
+                    v,
+                    species,
+                    scratch,
+                    offset,
                 )
                 for s in range(1, nx + 1):
                     cell = row * nx + (s + nx - 2) % nx
@@ -106,7 +117,11 @@ def flock(
                         rs = ti.min(rules[kind, SEPARATION], bound)
                         ra = ti.min(rules[kind, ALIGNMENT], bound)
                         rc = ti.min(rules[kind, COHESION], bound)
-                        vs, va, vc = rules[kind, SEPARATION + 2], rules[kind, ALIGNMENT + 2], rules[kind, COHESION + 2]
+                        vs, va, vc = (
+                            rules[kind, SEPARATION + 2],
+                            rules[kind, ALIGNMENT + 2],
+                            rules[kind, COHESION + 2],
+                        )
                         heading = ti.Vector([v[0, i], v[1, i], v[2, i]])
                         heading *= ti.rsqrt(heading.dot(heading) + TINY)
                         hx, hy, hz = heading.x, heading.y, heading.z

@@ -16,7 +16,14 @@ from tianim.spatial.bodies import signed_distance, surface_velocity
 from tianim.spatial.grid import share
 from tianim.systems.boids.flocking import TINY
 from tianim.systems.boids.steering import column
-from tianim.systems.boids.tables import BANK_TIME, MAX_ACCELERATION, MAX_LEAN, MAX_SPEED, MAX_TURN_RATE, MIN_SPEED
+from tianim.systems.boids.tables import (
+    BANK_TIME,
+    MAX_ACCELERATION,
+    MAX_LEAN,
+    MAX_SPEED,
+    MAX_TURN_RATE,
+    MIN_SPEED,
+)
 
 GRAVITY = 9.81  # against which a boid banks [m/s2]
 # Sums are made over this many fixed pieces, so that they do not depend on the number of threads.

@@ -113,7 +113,7 @@ class BoidsParams(Species, SystemParams):
     neighbourhood: Neighbourhood = Field(Metric(), description="who counts as a neighbour")
     species: Mapping[Name, Species] = Field({}, max_length=15, description="further species by name")
     interactions: Mapping[Name, Mapping[Name, Interaction]] = Field(
-        {}, description="who minds whom: {species: {other: factors}}; others are only kept apart from"
+        {}, description="who minds whom: {species: {other: factors}}; by default the others are kept off"
     )
 
     def all_species(self) -> dict[str, Species]:
@@ -143,10 +143,13 @@ class BoidsParams(Species, SystemParams):
                 target = getattr(behaviour, "target", None)
                 place = f"{'' if name == MAIN else f'species.{name}.'}behaviours.{k}"
                 if isinstance(target, BodyTarget) and target.name not in body_names:
-                    raise ValueError(
-                        f"{place}.target: no body {target.name!r}; there are {', '.join(body_names) or 'none'}"
-                    )
-                if isinstance(behaviour, Containment) and behaviour.size is None and bounds.kind != "contained":
+                    there = ", ".join(body_names) or "none"
+                    raise ValueError(f"{place}.target: no body {target.name!r}; there are {there}")
+                if (
+                    isinstance(behaviour, Containment)
+                    and behaviour.size is None
+                    and bounds.kind != "contained"
+                ):
                     raise ValueError(f"{place}: containment needs a size, or bounds of kind contained")
 
     @model_validator(mode="after")

@@ -52,7 +52,7 @@ def triple(table: ti.template(), row, first: ti.template()):
 
 @ti.func
 def unit(d):
-    """d / |d|, zero for zero."""
+    """D / |d|, zero for zero."""
     return d * ti.rsqrt(d.dot(d) + TINY)
 
 

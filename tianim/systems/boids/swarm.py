@@ -59,7 +59,9 @@ class Swarm:
         for name, (first, count) in self.parts.items():
             own = slice(first, first + count)
             units = {"velocity": "m/s"} if "velocity" in data else {}
-            parts.append(Points(name, position[own], {key: values[own] for key, values in data.items()}, units))
+            parts.append(
+                Points(name, position[own], {key: values[own] for key, values in data.items()}, units)
+            )
         return tuple(parts)
 
     def _orientation(self) -> NDArray[np.float32]:
@@ -90,7 +92,9 @@ class Swarm:
             raise BlowupError(self.name, not_finite, "position or velocity is not finite")
         if escaped < self.count:
             raise BlowupError(
-                self.name, escaped, f"farther than {ESCAPE:g} m from the origin, or faster than {ESCAPE:g} m/s"
+                self.name,
+                escaped,
+                f"farther than {ESCAPE:g} m from the origin, or faster than {ESCAPE:g} m/s",
             )
 
     def state(self) -> dict[str, NDArray[Any]]:

@@ -43,7 +43,10 @@ Force = Callable[[float, NDArray[Any], NDArray[Any]], NDArray[Any]]
 
 
 class Boids(Swarm):
-    """The system `kind: boids`. Arrays: position (n, 3) [m], velocity (n, 3) [m/s], lean (n,), the tangent of the bank."""
+    """The system `kind: boids`.
+
+    Arrays: position (n, 3) [m], velocity (n, 3) [m/s], lean (n,), the tangent of the bank.
+    """
 
     def __init__(self, name: str, params: BoidsParams, world: World) -> None:
         super().__init__(name, params.particle_count(), params.dimension, world, {"species": -1})

@@ -32,7 +32,7 @@ UNLIMITED = 1e18
 
 
 def view_bound(angle: float) -> float:
-    """c |c| with c = cos(angle / 2): d is in view where f |f| >= c |c| d.d, f = heading . d.
+    """C |c| with c = cos(angle / 2): d is in view where f |f| >= c |c| d.d, f = heading . d.
 
     For the full circle it is below -1, so that rounding cannot blind a boid straight behind.
     """
@@ -66,7 +66,9 @@ def species_row(species: Species) -> list[float]:
 def largest_radius(params: BoidsParams) -> float:
     """Reach of the neighbour search [m]; a metre where every rule is off."""
     species = params.all_species().values()
-    return max((r.radius for s in species for r in (s.separation, s.alignment, s.cohesion)), default=0.0) or 1.0
+    return (
+        max((r.radius for s in species for r in (s.separation, s.alignment, s.cohesion)), default=0.0) or 1.0
+    )
 
 
 def is_sighted(params: BoidsParams) -> bool:
@@ -110,7 +112,8 @@ class BehaviourTables:
         self.counts = {name: s.boid_count() for name, s in params.all_species().items()}
         # Bodies move by themselves: rows that aim at one are packed anew each step.
         self.follows_bodies = any(
-            isinstance(getattr(self._behaviour(params, key), "target", None), b.BodyTarget) for key in self.keys
+            isinstance(getattr(self._behaviour(params, key), "target", None), b.BodyTarget)
+            for key in self.keys
         )
         self.needs_slots = any(self._target_species(params, key) for key in self.keys)
 
@@ -179,7 +182,13 @@ class BehaviourTables:
                 return CRUISE, [behaviour.speed]
             case b.PathFollowing():
                 corners = len(behaviour.points) + behaviour.loop
-                return PATH, [behaviour.radius, behaviour.ahead, self._path_start[key], corners, behaviour.loop]
+                return PATH, [
+                    behaviour.radius,
+                    behaviour.ahead,
+                    self._path_start[key],
+                    corners,
+                    behaviour.loop,
+                ]
             case b.FlowFollowing():
                 return FLOW, _flow(behaviour.field)
             case b.LeaderFollowing():

@@ -32,7 +32,9 @@ class VicsekParams(SystemParams):
     count: Count = Field(description="how many")
     radius: Positive = Field(1.0, description="minds particles within this [m]")
     speed: Positive = Field(0.9, description="speed of all [m/s]")
-    noise: Animated[Annotated[float, Field(ge=0, le=7)]] = Field(1.0, description="width eta of the noise [rad]")
+    noise: Animated[Annotated[float, Field(ge=0, le=7)]] = Field(
+        1.0, description="width eta of the noise [rad]"
+    )
     time_step: Positive = Field(1 / 30, description="one application of the law [s]")
 
     def particle_count(self) -> int:

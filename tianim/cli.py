@@ -310,7 +310,7 @@ def view(run_folder: RunFolder, overrides: Overrides = None) -> None:
     """
     from tianim import runtime
     from tianim.run_folder import Run
-    from tianim.view import view_run
+    from tianim.view.open3d_view import view_run
 
     done = Run.open(run_folder)
     runtime.start()
@@ -405,7 +405,7 @@ def info() -> None:
 def _pictures(done: "Run", overrides: Sequence[str], out: Path | None, quiet: bool) -> None:
     """Draw a run; the runtime must have been started. What was chosen or left out is said."""
     from tianim.export.files import make_folder
-    from tianim.view import render_run
+    from tianim.view.render import render_run
 
     look = _look(done, overrides)
     make_folder(out or done.folder)

@@ -96,6 +96,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         try:
             yield temporary
             os.replace(temporary, path)
+            _settle(path)
         except BaseException:
             with suppress(OSError):
                 temporary.unlink()
@@ -117,6 +118,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
             yield temporary
             for file in sorted(temporary.iterdir(), key=lambda file: file.name == path.name):
                 os.replace(file, path.with_name(file.name))
+                _settle(path.with_name(file.name))
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
 
@@ -124,7 +126,6 @@ def whole_folder(path: Path) -> Iterator[Path]:
 def write_chunks(path: Path, chunks: Sequence[Chunk]) -> None:
     """Write the buffers one after the other into a new file at `path`, without joining them."""
     left = [memoryview(chunk) for chunk in chunks if len(chunk)]
-    size = sum(len(chunk) for chunk in left)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
     try:
         while left:
@@ -133,15 +134,15 @@ def write_chunks(path: Path, chunks: Sequence[Chunk]) -> None:
                 written -= len(left.pop(0))
             if written:
                 left[0] = left[0][written:]
-        if size >= LARGE_FILE and hasattr(os, "posix_fadvise"):
-            _settle(os.dup(descriptor))
     finally:
         os.close(descriptor)
 
 
-def _settle(descriptor: int) -> None:
-    """Send the pages of a large file to the disk and forget those that have arrived; waits for nothing."""
-    _settling.append(descriptor)
+def _settle(path: Path) -> None:
+    """Send the pages of a large file to the disk, forget those that have arrived; waits for nothing."""
+    if path.stat().st_size < LARGE_FILE or not hasattr(os, "posix_fadvise"):
+        return
+    _settling.append(os.open(path, os.O_RDONLY))
     for one in _settling:
         # On dirty pages this starts the writing, on clean ones it frees them.
         os.posix_fadvise(one, 0, 0, os.POSIX_FADV_DONTNEED)
@@ -150,7 +151,7 @@ def _settle(descriptor: int) -> None:
 
 
 def release_files() -> None:
-    """Close the large files that `write_chunks` still watches."""
+    """Close the large files that are still watched."""
     while _settling:
         os.close(_settling.popleft())
 

@@ -12,6 +12,7 @@ An error comes back as OutputError at the next `write`, `wait` or at the end.
 
 import mmap
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -186,7 +187,7 @@ class _Remote:
     def _send(self, message: object) -> None:
         self._raise_failure()
         with self._lost_link():
-            self._link.send(message)
+            _send(self._link, message)
 
     @contextmanager
     def _lost_link(self) -> Iterator[None]:
@@ -221,6 +222,11 @@ class _Remote:
             raise self._failure
 
 
+def _send(link: Connection, message: object) -> None:
+    """What `link.send` does, with bytes: its view of a buffer raises once more when a send has failed."""
+    link.send_bytes(pickle.dumps(message))
+
+
 def serve() -> None:
     """The writer process: takes frames from the link until it closes or one cannot be written."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -230,9 +236,9 @@ def serve() -> None:
         except (EOFError, ConnectionError):
             raise
         except TianimError as error:
-            link.send((None, (type(error).__name__, str(error))))
+            _send(link, (None, (type(error).__name__, str(error))))
         except Exception as error:
-            link.send((None, ("OutputError", f"writing failed: {type(error).__name__}: {error}")))
+            _send(link, (None, ("OutputError", f"writing failed: {type(error).__name__}: {error}")))
 
 
 def _serve_frames(link: Connection) -> None:
@@ -246,7 +252,7 @@ def _serve_frames(link: Connection) -> None:
             os.close(descriptor)
         elif order == "frame":
             exporters.write(unpack(skeleton, memory[slot]))
-            link.send((slot, None))
+            _send(link, (slot, None))
         else:
             exporters.finish()
-            link.send((None, None))
+            _send(link, (None, None))

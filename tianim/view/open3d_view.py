@@ -10,7 +10,8 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
@@ -21,19 +22,21 @@ from numpy.typing import NDArray
 
 from tianim.errors import MissingPartError
 from tianim.frame import Frame, Mesh
-from tianim.view.canvas import Geometry
-from tianim.view.colormap import to_srgb
+from tianim.view.canvas import Geometry, Triangles
+from tianim.view.colormap import ENTRIES, to_srgb
 from tianim.view.look import Look
 from tianim.view.painter import Painter
 from tianim.view.raster import FOCAL, HEIGHT, WIDTH
+from tianim.view.shade import CREASE
 from tianim.view.survey import Frames
 
 Picture = NDArray[np.uint8]
+Float = NDArray[np.float32]
 
 PACKAGES = "libgl1 libegl1 libx11-6 libudev1 libidn2-0 libgomp1 libusb-1.0-0 libvulkan1 mesa-vulkan-drivers"
 INSTALL = f"apt-get install -y --no-install-recommends {PACKAGES}"
 PROBE_SECONDS = 60.0
-SUN_LUX = 75_000.0  # Open3D's light of a clear day, which its exposure is made for
+SUN_LUX = 55_000.0  # with Open3D's own exposure and sky light this keeps our colours
 KEYS = {"right": 262, "left": 263, "home": 268, "end": 269, "space": 32}  # of GLFW
 
 
@@ -129,7 +132,26 @@ def _renderer(width: int, height: int) -> Any:
     """The one renderer of this process."""
     if _renderer.cache_info().currsize:
         raise MissingPartError("Open3D: one process makes one renderer, of one size")
-    return load().visualization.rendering.OffscreenRenderer(width, height)
+    with _quiet():
+        return load().visualization.rendering.OffscreenRenderer(width, height)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what native code prints off the terminal: it would spoil `--json` and progress bars."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = os.dup(1), os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept[0], 1)
+        os.dup2(kept[1], 2)
+        for descriptor in (*kept, nowhere):
+            os.close(descriptor)
 
 
 class Open3dPainter(Painter):
@@ -142,22 +164,26 @@ class Open3dPainter(Painter):
         width, height = int(view.camera[WIDTH]), int(view.camera[HEIGHT])
         scene = _renderer(width, height).scene
         scene.clear_geometry()
-        backdrop = to_srgb(self._backdrop.picture(view.camera, frame.time))
-        scene.set_background([0, 0, 0, 1], open3d.geometry.Image((255 * backdrop).astype(np.uint8)))
-        material = open3d.visualization.rendering.MaterialRecord()
+        # Our own picture lies behind: its floor has the shadows.
+        scene.set_background([0, 0, 0, 1], open3d.geometry.Image(super().draw(frame, index, earlier)))
+        rendering = open3d.visualization.rendering
+        grading = rendering.ColorGrading(rendering.ColorGrading.Quality.HIGH, rendering.ColorGrading.ToneMapping.LINEAR)
+        scene.view.set_color_grading(grading)
+        material = rendering.MaterialRecord()
         material.shader = "defaultLit"
         material.base_roughness = 0.75
         geometry = self._draft.geometry(frame)
         if len(geometry.triangles.triangles):
-            scene.add_geometry("meshes", _mesh(open3d, geometry), material)
+            scene.add_geometry("meshes", _lit_mesh(open3d, _corners(geometry, view.camera[:3])), material)
         toward = -self._light(view, geometry).stage[:3].astype(np.float64)
         scene.scene.set_sun_light(toward.tolist(), [1.0, 1.0, 1.0], SUN_LUX)
         scene.scene.enable_sun_light(True)
         _place_camera(scene.camera, view.camera, view.distance, view.radius)
-        return np.asarray(_renderer(width, height).render_to_image()).copy()
+        with _quiet():
+            return np.asarray(_renderer(width, height).render_to_image()).copy()
 
 
-def _place_camera(camera: Any, ours: NDArray[np.float32], distance: float, radius: float) -> None:
+def _place_camera(camera: Any, ours: Float, distance: float, radius: float) -> None:
     eye, up, forward = (ours[k : k + 3].astype(np.float64) for k in (0, 6, 9))
     near, far = max(1e-3 * distance, distance - 8 * radius), distance + 30 * radius
     width, height, focal = float(ours[WIDTH]), float(ours[HEIGHT]), float(ours[FOCAL])
@@ -166,17 +192,64 @@ def _place_camera(camera: Any, ours: NDArray[np.float32], distance: float, radiu
     camera.set_projection(angle, width / height, near, far, type(camera).FovType.Vertical)
 
 
-def _mesh(open3d: ModuleType, geometry: Geometry) -> Any:
-    """Triangles with the colours of their front; sides that face away are drawn by a turned copy."""
+@dataclass(frozen=True)
+class _Corners:
+    """Corners of triangles, each on its own: position, normal, linear colour, all (3 m, 3)."""
+
+    position: Float
+    normal: Float
+    color: Float
+    triangles: NDArray[np.int32]
+
+
+def _corners(geometry: Geometry, eye: Float | None = None) -> _Corners:
+    """All triangles, with colours and normals of the side that `eye` sees; without an eye, of the front."""
     ours = geometry.triangles
-    mesh = open3d.geometry.TriangleMesh()
-    triangles = np.concatenate([ours.triangles, ours.triangles[:, ::-1] + len(ours.position)])
-    mesh.vertices = open3d.utility.Vector3dVector(np.tile(ours.position, (2, 1)).astype(np.float64))
-    mesh.triangles = open3d.utility.Vector3iVector(triangles)
-    rows = np.concatenate([ours.tone.astype(int), ours.tone.astype(int) + 256])
-    mesh.vertex_colors = open3d.utility.Vector3dVector(to_srgb(geometry.colors[rows]).astype(np.float64))
-    mesh.compute_vertex_normals()
+    corners, normals = ours.position[ours.triangles], corner_normals(ours)
+    rows = ours.tone[ours.triangles].astype(int)
+    if eye is not None:
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        behind = np.einsum("mk,mk->m", across, eye - corners[:, 0]) < 0.0
+        rows = rows + np.where(behind, ENTRIES, 0)[:, None]
+        normals = np.where(behind[:, None, None], -normals, normals)
+    colors = geometry.colors[rows] * np.minimum(ours.tint[ours.triangles], 1.5)[..., None]
+    flat = [np.ascontiguousarray(each.reshape(-1, 3), dtype=np.float32) for each in (corners, normals, colors)]
+    return _Corners(*flat, np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3))
+
+
+def _lit_mesh(open3d: ModuleType, corners: _Corners) -> Any:
+    """For the renderer, which takes linear colours.
+
+    A tensor mesh: with others, redrawing a mesh that changes hangs (Open3D 0.20, software Vulkan).
+    """
+    tensor = open3d.core.Tensor
+    mesh = open3d.t.geometry.TriangleMesh()
+    mesh.vertex.positions, mesh.vertex.normals = tensor(corners.position), tensor(corners.normal)
+    mesh.vertex.colors = tensor(corners.color)
+    mesh.triangle.indices = tensor(corners.triangles)
     return mesh
+
+
+def _window_mesh(open3d: ModuleType, corners: _Corners) -> Any:
+    """For the window, which takes encoded colours."""
+    vectors = open3d.utility.Vector3dVector
+    mesh = open3d.geometry.TriangleMesh(
+        vectors(corners.position.astype(np.float64)), open3d.utility.Vector3iVector(corners.triangles)
+    )
+    mesh.vertex_normals = vectors(corners.normal.astype(np.float64))
+    mesh.vertex_colors = vectors(to_srgb(corners.color).astype(np.float64))
+    return mesh
+
+
+def corner_normals(mesh: Triangles) -> Float:
+    """Normals (m, 3 corners, 3): smooth, but those of the triangle at sharp edges, as our own shading has them."""
+    a, b, c = (mesh.position[mesh.triangles[:, k]] for k in range(3))
+    flat = np.cross(b - a, c - a)
+    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
+    smooth = mesh.normal[mesh.triangles]
+    agree = np.einsum("mkc,mc->mk", smooth, flat)[..., None]
+    turned = np.where(agree < 0.0, -smooth, smooth)
+    return np.where(np.abs(agree) < CREASE, flat[:, None], turned).astype(np.float32)
 
 
 class Scrubber:
@@ -255,7 +328,7 @@ def _shapes(open3d: ModuleType, geometry: Geometry) -> list[Any]:
         lines.colors = vectors(colors[sticks.tone.astype(int)])
         shapes.append(lines)
     if len(geometry.triangles.triangles):
-        shapes.append(_mesh(open3d, geometry))
+        shapes.append(_window_mesh(open3d, _corners(geometry)))
     return shapes
 
 

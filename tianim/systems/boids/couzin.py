@@ -14,6 +14,7 @@ Limits: open space, three dimensions.
 """
 
 import math
+from collections.abc import Collection
 from typing import Literal
 
 import numpy as np
@@ -26,7 +27,7 @@ from tianim.params import Animated, Count, Degrees, NonNegative, Positive
 from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded
 from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
-from tianim.system import SystemParams, World
+from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.flocking import TINY
 from tianim.systems.boids.motion import turned
 from tianim.systems.boids.params import BYTES_PER_BOID, SECONDS_PER_BOID_STEP, SECONDS_PER_STEP
@@ -57,6 +58,11 @@ class CouzinParams(SystemParams):
     def _start_fits(self) -> Self:
         check_start(self.count, self.start, self.heading)
         return self
+
+    def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
+        """Open space: the group would go through walls."""
+        if bounds.kind != "open":
+            raise ValueError("couzin needs bounds of kind open")
 
     def particle_count(self) -> int:
         """All of them."""

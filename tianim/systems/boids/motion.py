@@ -5,9 +5,10 @@ Semi-implicit Euler with limits: with a cut to its length's maximum,
     v' = v + dt a,  turned by at most max_turn_rate dt,  min_speed <= |v'| <= max_speed
     x' = x + dt v'
 
-Periodic bounds wrap x', contained bounds and bodies push it out and take the inward velocity. A
-boid banks so that its up axis leans into the turn: tan(bank) = a . right / (g + a . up), low-passed;
-`lean` is that tangent (an angle would cost an arc tangent a step for what only a frame shows).
+Periodic bounds wrap x', walls of contained bounds reflect, bodies push it out and take the inward
+velocity. A boid banks so that its up axis leans into the turn: tan(bank) = a . right / (g + a . up),
+low-passed; `lean` is that tangent (an angle would cost an arc tangent a step for what only a frame
+shows).
 """
 
 from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti

@@ -36,7 +36,7 @@ class Swarm:
         bounds, axes = self.world.bounds, slice(self.dimension)
         if bounds.lower is None or bounds.upper is None:
             return position
-        lower, upper = np.float32(bounds.lower)[axes], np.float32(bounds.upper)[axes]
+        lower, upper = np.array([bounds.lower, bounds.upper], np.float32)[:, axes]
         inside = position.copy()
         if bounds.kind == "periodic":
             wrapped = lower + np.mod(position[:, axes] - lower, upper - lower)
@@ -114,13 +114,18 @@ class Swarm:
         return self.columns.read(self._known(name))
 
     def write(self, name: str, values: NDArray[Any]) -> None:
-        """Set position, velocity or lean, in id order; SceneError for what cannot be set."""
+        """Set position, velocity or lean, in id order; SceneError for what cannot be set.
+
+        Positions are brought into the bounds; in two dimensions z becomes zero.
+        """
         if self._known(name) not in SETTABLE:
             raise SceneError(f"{self.name}.{name}: cannot be set; {', '.join(SETTABLE)} can")
         values = np.asarray(values, np.float32)
         wanted = self.columns.shape(name)
         if values.shape != wanted:
             raise SceneError(f"{self.name}.{name}: has shape {values.shape}, must be {wanted}")
+        if self.dimension == 2 and values.ndim == 2:
+            values = values * np.array([1, 1, 0], np.float32)
         self.columns.write(name, self.inside(values) if name == "position" else values)
 
     def _known(self, name: str) -> str:

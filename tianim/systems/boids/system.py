@@ -55,7 +55,7 @@ class Boids(Swarm):
         self._place()
         now = params.at(0.0)
         self.grid = NeighborGrid(
-            self.count, params.dimension, world.bounds, largest_radius(now), tagged=len(self.names) > 1
+            self.count, params.dimension, world.bounds, largest_radius(now, world.bounds), tagged=len(self.names) > 1
         )
         self.behaviours = BehaviourTables(params, world.bounds, world.bodies)
         first_id, counts = self.behaviours.first_id, self.behaviours.counts
@@ -128,7 +128,7 @@ class Boids(Swarm):
         now = self.params.at(time)
         if now is not self._packed:
             self._rules.from_numpy(all_tables(now, self.names))
-            self.grid.resize(largest_radius(now))
+            self.grid.resize(largest_radius(now, self.world.bounds))
             self._sighted = is_sighted(now)
             self._packed = now
             self._behaviours_packed = False

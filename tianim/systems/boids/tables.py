@@ -63,12 +63,13 @@ def species_row(species: Species) -> list[float]:
     ]
 
 
-def largest_radius(params: BoidsParams) -> float:
-    """Reach of the neighbour search [m]; a metre where every rule is off."""
+def largest_radius(params: BoidsParams, bounds: Bounds) -> float:
+    """Reach of the neighbour search [m]; where every rule is off, one that the bounds have room for."""
     species = params.all_species().values()
-    return (
-        max((r.radius for s in species for r in (s.separation, s.alignment, s.cohesion)), default=0.0) or 1.0
-    )
+    largest = max(r.radius for s in species for r in (s.separation, s.alignment, s.cohesion))
+    if largest > 0.0 or bounds.lower is None or bounds.upper is None:
+        return largest or 1.0
+    return float(np.subtract(bounds.upper, bounds.lower).min()) / 4
 
 
 def is_sighted(params: BoidsParams) -> bool:
@@ -95,21 +96,23 @@ class BehaviourTables:
     def __init__(self, params: BoidsParams, bounds: Bounds, bodies: Bodies) -> None:
         self.bounds, self.bodies = bounds, bodies
         names = list(params.all_species())
-        self.keys: list[tuple[str, int]] = []
-        for urgent in (True, False):
-            for kind in b.URGENT if urgent else (None,):
-                for name, species in params.all_species().items():
-                    for k, behaviour in enumerate(species.behaviours):
-                        if isinstance(behaviour, kind) if kind else not isinstance(behaviour, b.URGENT):
-                            self.keys.append((name, k))
-            if urgent:
-                self.urgent = len(self.keys)
+        self.counts = {name: species.boid_count() for name, species in params.all_species().items()}
+        listed = [
+            (name, k)
+            for name, species in params.all_species().items()
+            for k in range(len(species.behaviours))
+            if self._has_target(params, (name, k))
+        ]
+        urgent = [
+            key for kind in b.URGENT for key in listed if isinstance(self._behaviour(params, key), kind)
+        ]
+        self.keys = urgent + [key for key in listed if key not in urgent]
+        self.urgent = len(urgent)
         self.count = len(self.keys)
         self.species_index = {name: k for k, name in enumerate(names)}
         self.paths, self._path_start = self._collect_paths(params)
         ids = np.cumsum([0, *(s.boid_count() for s in params.all_species().values())])
         self.first_id = {name: int(ids[k]) for k, name in enumerate(names)}
-        self.counts = {name: s.boid_count() for name, s in params.all_species().items()}
         # Bodies move by themselves: rows that aim at one are packed anew each step.
         self.follows_bodies = any(
             isinstance(getattr(self._behaviour(params, key), "target", None), b.BodyTarget)
@@ -120,6 +123,11 @@ class BehaviourTables:
     @staticmethod
     def _behaviour(params: BoidsParams, key: tuple[str, int]) -> Any:
         return params.all_species()[key[0]].behaviours[key[1]]
+
+    def _has_target(self, params: BoidsParams, key: tuple[str, int]) -> bool:
+        """Not where the target is a species without members: who minds it minds nothing."""
+        other = self._target_species(params, key)
+        return other is None or self.counts[other] > 0
 
     def _target_species(self, params: BoidsParams, key: tuple[str, int]) -> str | None:
         behaviour = self._behaviour(params, key)

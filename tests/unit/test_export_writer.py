@@ -212,6 +212,19 @@ def test_an_error_in_the_simulation_keeps_the_frames_given(tmp_path: Path) -> No
     assert not (tmp_path / "boids.vtkhdf").exists()
 
 
+@pytest.mark.parametrize("size", [10, LARGE])
+def test_a_run_that_is_stopped_may_leave_out_the_files_of_the_whole_run(tmp_path: Path, size: int) -> None:
+    with open_exporters(tmp_path, ("vtkhdf",), OutputOptions(), FPS) as out:
+        out.write(cloud(0, size))
+        out.abandon()
+    assert len(RunFrames(tmp_path)) == 1
+    assert not (tmp_path / "boids.vtkhdf").exists()
+    # Resumed with nothing left to do, the run is whole.
+    with open_exporters(tmp_path, ("vtkhdf",), OutputOptions(), FPS, resume_from=1):
+        pass
+    assert (tmp_path / "boids.vtkhdf").exists()
+
+
 def test_a_format_that_refuses_does_so_at_once(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="'stl' holds triangles only"):
         write_all(tmp_path, 1, ("stl",))

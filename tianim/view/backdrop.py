@@ -55,8 +55,8 @@ class Preset:
 PRESETS = {
     "dusk": Preset(
         ramp=(
-            (-4, "#e9b58f"), (1, "#f7cfa6"), (5, "#f5d0b3"), (11, "#ead0c4"), (19, "#cfc8cf"), (30, "#a9b7cc"),
-            (48, "#8aa0bf"), (75, "#6f88ad"),
+            (-4, "#e9b58f"), (1, "#f7cfa6"), (5, "#f5d0b3"), (11, "#ead0c4"), (19, "#cfc8cf"),
+            (30, "#a9b7cc"), (48, "#8aa0bf"), (75, "#6f88ad"),
         ),
         sun=(-0.65, 0.35, -0.68), key=(0.95, 0.62, 0.42), above=(0.36, 0.4, 0.52), below=(0.3, 0.24, 0.22),
         subject=("#191a24", "#8a2f16", "#27446b", "#3f5a2a"), body="#4a4650", line="#2a2a33",
@@ -117,7 +117,7 @@ def stage_array(preset: Preset, camera: Float, floor: float, shadows: bool, expo
 
 
 def _level_axes(camera: Float) -> NDArray[np.float64]:
-    """Rows: right, world up, and level towards the camera; the camera's own axes when it looks straight down."""
+    """Rows: right, world up, level towards the camera; its own axes when it looks straight down."""
     right = camera[3:6].astype(np.float64)
     if abs(camera[10]) > 0.98:
         return np.stack([right, camera[6:9], -camera[9:12]])
@@ -185,7 +185,13 @@ class Backdrop:
 def _hills(azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
     """A gentle skyline that closes after a turn."""
     out = np.zeros_like(azimuth)
-    for waves, size, phase in ((5, 1.0, 0.3), (11, 0.55, 1.9), (23, 0.3, 4.0), (61, 0.13, 0.7), (149, 0.07, 2.2)):
+    for waves, size, phase in (
+        (5, 1.0, 0.3),
+        (11, 0.55, 1.9),
+        (23, 0.3, 4.0),
+        (61, 0.13, 0.7),
+        (149, 0.07, 2.2),
+    ):
         out += size * np.sin(waves * azimuth + phase)
     return out
 
@@ -209,8 +215,10 @@ def _ramp(ramp: Ramp, height: Float) -> Float:
     fine = np.linspace(places[0], places[-1], 512)
     from scipy.interpolate import PchipInterpolator
 
-    curve = PchipInterpolator(places, encoded)(fine) if len(places) > 2 else np.stack(
-        [np.interp(fine, places, encoded[:, k]) for k in range(3)], axis=1
+    curve = (
+        PchipInterpolator(places, encoded)(fine)
+        if len(places) > 2
+        else np.stack([np.interp(fine, places, encoded[:, k]) for k in range(3)], axis=1)
     )
     table = to_linear(np.clip(curve, 0, 1))
     share = np.clip((height - places[0]) / (places[-1] - places[0]), 0, 1) * (len(fine) - 1)

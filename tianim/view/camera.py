@@ -39,7 +39,13 @@ class View:
 
 
 def camera_array(
-    eye: Vector, target: Vector, width: int, height: int, half_height: float, perspective: bool, up: Vector = UP
+    eye: Vector,
+    target: Vector,
+    width: int,
+    height: int,
+    half_height: float,
+    perspective: bool,
+    up: Vector = UP,
 ) -> Float:
     """The array that the kernels read.
 
@@ -140,7 +146,7 @@ class CameraPath:
         wide = [self._needed(p, axes, c) for p, axes, c in zip(action, stands, center, strict=True)]
         sigma = DISTANCE_SECONDS / max(seconds, 1e-9)
         reach = maximum_filter1d(np.array(wide), size=2 * round(min(sigma, len(wide))) + 1, mode="nearest")
-        distance = _smooth(reach[:, None], sigma)[:, 0]
+        distance = _smooth(reach[:, None], sigma, steady=True)[:, 0]
         self._radius = float(np.median([_radius(p, c) for p, c in zip(action, center, strict=True)]))
         self._center = _spline(frames_apart * np.arange(len(indices)), center)
         self._distance = _spline(frames_apart * np.arange(len(indices)), distance)
@@ -165,8 +171,21 @@ def _radius(points: Float, center: Vector) -> float:
     return max(float(np.percentile(away, ROBUST[1])), 1e-6)
 
 
-def _smooth(values: Vector, sigma: float) -> Vector:
-    return gaussian_filter1d(values, min(sigma, len(values)), axis=0, mode="nearest") if len(values) > 2 else values
+def _smooth(values: Vector, sigma: float, steady: bool = False) -> Vector:
+    """Gaussian means over `sigma` samples of rows (n, k).
+
+    What moves on at the ends is taken to move on beyond them, or to stand still there (`steady`).
+    """
+    count = len(values)
+    if count < 3:
+        return values
+    sigma = min(sigma, count / 3)
+    beyond = min(count - 1, int(np.ceil(4 * sigma)))
+    padding = ((beyond, beyond), (0, 0))
+    padded = (
+        np.pad(values, padding, "edge") if steady else np.pad(values, padding, "reflect", reflect_type="odd")
+    )
+    return gaussian_filter1d(padded, sigma, axis=0, mode="nearest")[beyond : beyond + count]  # type: ignore[no-any-return]
 
 
 def _spline(places: Vector, values: Vector) -> CubicSpline:

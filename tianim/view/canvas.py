@@ -62,7 +62,8 @@ class Sticks:
 class Blend:
     """Translucent sticks from tail to head (n, 3) [m]; radius [m], opacity, tone (n,).
 
-    `taper`: width of the tail over that of the head; `joined`: sticks of a trail; `glow` above 0 adds light of that strength.
+    `taper`: width of the tail over that of the head; `joined`: sticks of a trail; `glow` above 0
+    adds light of that strength.
     """
 
     tail: Float
@@ -112,7 +113,7 @@ class Canvas:
         self._shadow = np.empty((SHADOW_SIZE, SHADOW_SIZE), np.int64)
 
     def draw(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> Picture:
-        """The picture (height, width, 3); `camera` is for whole pixels, `background` (height, width, 3) linear."""
+        """The picture (height, width, 3); `camera` is for whole pixels, `background` as large, linear."""
         fine = camera.copy()
         fine[[raster.FOCAL, raster.WIDTH, raster.HEIGHT]] *= self.samples
         self._see(self._key, geometry, fine)

@@ -4,6 +4,7 @@ Light adds up in linear values; a table of 256 linear colours stands for each ma
 cyclic with even lightness (made in OKLCh), so that no heading vanishes on a pale or dark ground.
 """
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -30,20 +31,21 @@ _ANCHORS = {
     "bef434 d9e436 eecf3a faba39 fe9e2f fb7e21 f26014 e4450a d02f05 b91e02 9b0f01 7a0403",
 }
 
-# Distinct at a glance, also for the colour blind (after Okabe and Ito 2008).
-PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#444444")
-
 
 def to_linear(encoded: NDArray[np.floating]) -> Float:
     """Linear light of sRGB values in 0..1."""
     encoded = np.asarray(encoded, np.float32)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(
+        np.float32
+    )
 
 
 def to_srgb(linear: NDArray[np.floating]) -> Float:
     """SRGB values of linear light, both clipped to 0..1."""
     linear = np.clip(np.asarray(linear, np.float32), 0.0, 1.0)
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055).astype(np.float32)
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055).astype(
+        np.float32
+    )
 
 
 def hex_to_linear(color: str) -> Float:
@@ -76,13 +78,19 @@ def _phase(lightness: float = 0.62, chroma: float = 0.135) -> Float:
     return np.clip(np.stack([red, green, blue], axis=1), 0.0, 1.0).astype(np.float32)
 
 
+def palette(colors: Sequence[str]) -> Float:
+    """A table (256, 3) whose first rows are `colors`; the rest repeat the last."""
+    each = np.stack([hex_to_linear(color) for color in colors])
+    return each[np.minimum(np.arange(ENTRIES), len(each) - 1)]
+
+
 def uniform(color: str) -> Float:
     """A table of one colour, shape (256, 3)."""
     return np.tile(hex_to_linear(color), (ENTRIES, 1))
 
 
 def encoding_table(size: int, steps: float) -> Float:
-    """Bytes (as float) of linear light (k / steps) squared, k below `size`; a shoulder above 0.8 instead of a clip."""
+    """Bytes (as float) of linear light (k / steps)², k below `size`, with a shoulder above 0.8, not a clip."""
     light = (np.arange(size) / steps) ** 2
     bent = np.where(light > 0.8, 1.0 - 0.04 / np.maximum(light - 0.6, 0.2), light)
     return (255.0 * to_srgb(bent)).astype(np.float32)

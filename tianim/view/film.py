@@ -52,7 +52,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_film(path: Path, pictures: Iterable[Picture], rate: float) -> Path:
-    """Write `pictures` at `rate` a second; gives the file written: `path`, or with .webp where PyAV is missing."""
+    """Write `pictures` at `rate` a second; gives the file written: `path`, or a .webp where PyAV is missing."""
     if can_write_mp4():
         write_mp4(path, pictures, rate)
         return path
@@ -75,7 +75,10 @@ def write_mp4(path: Path, pictures: Iterable[Picture], rate: float) -> None:
     if first is None:
         raise OutputError(f"cannot write {path}: the film has no pictures")
     height, width = (side - side % 2 for side in first.shape[:2])
-    with whole_file(path) as beside, av.open(str(beside), "w", format="mp4", options={"movflags": "faststart"}) as out:
+    with (
+        whole_file(path) as beside,
+        av.open(str(beside), "w", format="mp4", options={"movflags": "faststart"}) as out,
+    ):
         stream = out.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = {"crf": QUALITY, "preset": PRESET}
@@ -98,7 +101,8 @@ def write_webp(path: Path, pictures: Iterable[Picture], rate: float) -> None:
         raise OutputError(f"cannot write {path}: the film has no pictures")
     with whole_file(path) as beside:
         first.save(
-            beside, format="WEBP", save_all=True, append_images=small, duration=1000 * skip / rate, loop=0, quality=80
+            beside, format="WEBP", save_all=True, append_images=small,
+            duration=1000 * skip / rate, loop=0, quality=80,
         )  # fmt: skip
 
 
@@ -106,7 +110,9 @@ def _small(picture: Picture) -> Image.Image:
     image = Image.fromarray(picture)
     if image.width <= WEBP_WIDTH:
         return image
-    return image.resize((WEBP_WIDTH, round(image.height * WEBP_WIDTH / image.width)), Image.Resampling.LANCZOS)
+    return image.resize(
+        (WEBP_WIDTH, round(image.height * WEBP_WIDTH / image.width)), Image.Resampling.LANCZOS
+    )
 
 
 def _chain(first: Picture, rest: Iterable[Picture]) -> Iterator[Picture]:

@@ -92,14 +92,8 @@ class PartStyle(Params):
     size: Positive | None = Field(
         default=None,
         description="length of a dart, diameter of a sphere, thickness of a line [m]; "
-        "left out: from the spacing of the points and the view",
-    )
-    species_scale: tuple[Positive, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=64,
-        description="factor on the size for each species, in order; "
-        "left out: a species of under 2 % of the points is drawn 3 times as large",
+        "left out: from the spacing of the points and the view; a part of under 2 % of all points is "
+        "drawn 3 times as large as the others",
     )
     color: Annotated[ColorBy, BeforeValidator(_short_color, json_schema_input_type=str | ColorBy)] = Field(
         default=ColorBy(), description="what the colour says"
@@ -183,7 +177,8 @@ class Look(Params):
     )
     exposure: Positive = Field(default=1.0, description="factor on the light")
     film_frames: Annotated[int, Field(ge=1, le=MAX_FILM)] = Field(
-        default=600, description="most frames of the film; a longer run is shown every second, third ... frame"
+        default=600,
+        description="most frames of the film; a longer run is shown every second, third ... frame",
     )
     sheet: Annotated[int, Field(ge=1, le=64)] = Field(
         default=8, description="number of poses in the contact sheet"

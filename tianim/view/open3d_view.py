@@ -64,7 +64,7 @@ def load() -> ModuleType:
 
 
 def _offer_libusb() -> None:
-    """Load libusb from the package of that name where it is installed: Open3D then needs none of the system's."""
+    """Load libusb from the package of that name where it is installed, instead of the system's."""
     try:
         import libusb_package
 
@@ -75,7 +75,9 @@ def _offer_libusb() -> None:
 
 def _missing_library(message: str) -> str:
     found = re.search(r"(lib[\w.+-]+\.so[\w.]*)", message)
-    what = f"the system library {found[1]}" if found else f"system libraries ({message.strip().splitlines()[0]})"
+    what = (
+        f"the system library {found[1]}" if found else f"system libraries ({message.strip().splitlines()[0]})"
+    )
     return f"Open3D needs {what}: {INSTALL}"
 
 
@@ -86,7 +88,8 @@ def probe() -> Probe:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, timeout=PROBE_SECONDS, env=environment
+            [sys.executable, "-c", code], capture_output=True, text=True,
+            timeout=PROBE_SECONDS, env=environment,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return Probe(False, f"Open3D gave no picture in {PROBE_SECONDS:g} s")
@@ -167,7 +170,9 @@ class Open3dPainter(Painter):
         # Our own picture lies behind: its floor has the shadows.
         scene.set_background([0, 0, 0, 1], open3d.geometry.Image(super().draw(frame, index, earlier)))
         rendering = open3d.visualization.rendering
-        grading = rendering.ColorGrading(rendering.ColorGrading.Quality.HIGH, rendering.ColorGrading.ToneMapping.LINEAR)
+        grading = rendering.ColorGrading(
+            rendering.ColorGrading.Quality.HIGH, rendering.ColorGrading.ToneMapping.LINEAR
+        )
         scene.view.set_color_grading(grading)
         material = rendering.MaterialRecord()
         material.shader = "defaultLit"
@@ -213,7 +218,9 @@ def _corners(geometry: Geometry, eye: Float | None = None) -> _Corners:
         rows = rows + np.where(behind, ENTRIES, 0)[:, None]
         normals = np.where(behind[:, None, None], -normals, normals)
     colors = geometry.colors[rows] * np.minimum(ours.tint[ours.triangles], 1.5)[..., None]
-    flat = [np.ascontiguousarray(each.reshape(-1, 3), dtype=np.float32) for each in (corners, normals, colors)]
+    flat = [
+        np.ascontiguousarray(each.reshape(-1, 3), dtype=np.float32) for each in (corners, normals, colors)
+    ]
     return _Corners(*flat, np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3))
 
 
@@ -242,7 +249,7 @@ def _window_mesh(open3d: ModuleType, corners: _Corners) -> Any:
 
 
 def corner_normals(mesh: Triangles) -> Float:
-    """Normals (m, 3 corners, 3): smooth, but those of the triangle at sharp edges, as our own shading has them."""
+    """Normals (m, 3 corners, 3): smooth, but those of the triangle at sharp edges, as in our own shading."""
     a, b, c = (mesh.position[mesh.triangles[:, k]] for k in range(3))
     flat = np.cross(b - a, c - a)
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
@@ -262,7 +269,9 @@ class Scrubber:
         self._shown: list[Any] = []
         self.window = self._open3d.visualization.VisualizerWithKeyCallback()
         if not self.window.create_window(title, look.width, look.height, visible=visible):
-            raise MissingPartError("Open3D cannot open a window here; `tianim render` gives pictures without one")
+            raise MissingPartError(
+                "Open3D cannot open a window here; `tianim render` gives pictures without one"
+            )
         actions = {
             "right": lambda: self.step(1), "left": lambda: self.step(-1), "space": self._toggle,
             "home": lambda: self.show(0), "end": lambda: self.show(len(frames) - 1),
@@ -338,7 +347,9 @@ def view_run(frames: Frames, look: Look, title: str = "tianim") -> None:
     Raises MissingPartError where Open3D, one of its libraries or a display is missing.
     """
     load()
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
         raise MissingPartError("no display to open a window on; `tianim render` gives pictures without one")
     if not len(frames):
         raise MissingPartError("the run has no frames to show")

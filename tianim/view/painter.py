@@ -14,7 +14,9 @@ from tianim.view.camera import CameraPath, View, camera_array
 from tianim.view.canvas import SHADOW_SIZE, Canvas, Geometry, Light, Picture
 from tianim.view.draft import Draft
 from tianim.view.look import Look
+from tianim.view.raster import FOCAL, PERSPECTIVE
 from tianim.view.shade import SHADOW
+from tianim.view.styles import Styles
 from tianim.view.survey import Frames, Survey, survey
 
 Float = NDArray[np.float32]
@@ -36,10 +38,15 @@ class Painter:
         self.path = CameraPath(look.camera, self.survey, *size, self._preset.azimuth, self._preset.elevation)
         middle = int(self.survey.indices[len(self.survey.indices) // 2]) if len(self.survey.indices) else 0
         typical = self.path.at(middle, self._time(middle))
-        self._draft = Draft(look, self._preset, self.survey, typical)
+        # Metres that a pixel covers at the action, were the picture 720 rows high.
+        w = typical.distance if typical.camera[PERSPECTIVE] > 0.5 else 1.0
+        pixel = w / float(typical.camera[FOCAL]) * look.height / 720.0
+        self._draft = Draft(Styles(look, self._preset, self.survey, pixel), self.survey.flat)
         self._canvas = Canvas(*size, look.samples or samples_for(self.survey))
         self._backdrop = Backdrop(self._preset, *size)
-        self._shadows = look.shadows if look.shadows is not None else self._preset.shadow + self._preset.corners > 0
+        self._shadows = (
+            look.shadows if look.shadows is not None else self._preset.shadow + self._preset.corners > 0
+        )
         self._fog = self._preset.fog if look.fog is None else look.fog
 
     @property
@@ -64,13 +71,13 @@ class Painter:
         return float(self.survey.times[found[0]]) if len(found) else 0.0
 
     def _light(self, view: View, geometry: Geometry) -> Light:
-        stage = stage_array(
-            self._preset, view.camera, self.survey.lowest, self._shadows, self._look.exposure
-        )
+        stage = stage_array(self._preset, view.camera, self.survey.lowest, self._shadows, self._look.exposure)
         start = view.distance - view.radius
         fog = np.array([start, max(2 * view.radius, 1e-9), min(self._fog, 0.995)], np.float32)
         sun = None
-        solid = len(geometry.spheres.position) + len(geometry.triangles.triangles) + len(geometry.sticks.segments)
+        solid = (
+            len(geometry.spheres.position) + len(geometry.triangles.triangles) + len(geometry.sticks.segments)
+        )
         if self._shadows and self._preset.shadow > 0.0 and solid:
             sun = self._sun(view, stage[:3].astype(np.float64))
         else:
@@ -94,8 +101,6 @@ def background_for(look: Look, found: Survey) -> object:
         return "paper"
     parts = list(found.parts.values())
     return "studio" if parts and all(isinstance(part, Mesh) for part in parts) else "dusk"
-
-
 
 
 def samples_for(found: Survey) -> int:

@@ -85,7 +85,9 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
     count = len(shown)
     columns = 1 if count == 1 else 2 if count in (2, 4) else 3
     rows = ceil(count / columns)
-    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.2), dpi=DPI, facecolor=PAPER, layout="constrained")
+    figure = Figure(
+        figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.2), dpi=DPI, facecolor=PAPER, layout="constrained"
+    )
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     systems = _systems(list(shown))

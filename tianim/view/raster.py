@@ -70,8 +70,14 @@ def raster_spheres(key: i64_2d, camera: f32_1d, position: f32_2d, radius: f32_1d
         if v[2] > camera[NEAR]:
             s = to_screen(camera, v)
             r = ti.min(ti.max(radius[n] * camera[FOCAL] / s[3], MIN_RADIUS), MAX_PIXEL)
-            x0, x1 = ti.max(0, ti.cast(ti.floor(s[0] - r), ti.i32)), ti.min(width, ti.cast(s[0] + r, ti.i32) + 1)
-            y0, y1 = ti.max(0, ti.cast(ti.floor(s[1] - r), ti.i32)), ti.min(height, ti.cast(s[1] + r, ti.i32) + 1)
+            x0, x1 = (
+                ti.max(0, ti.cast(ti.floor(s[0] - r), ti.i32)),
+                ti.min(width, ti.cast(s[0] + r, ti.i32) + 1),
+            )
+            y0, y1 = (
+                ti.max(0, ti.cast(ti.floor(s[1] - r), ti.i32)),
+                ti.min(height, ti.cast(s[1] + r, ti.i32) + 1),
+            )
             front = ti.bit_cast(ti.max(s[2] - radius[n], camera[NEAR]), ti.i32)
             for y in range(y0, y1):
                 dy = (y + 0.5 - s[1]) / r
@@ -85,7 +91,7 @@ def raster_spheres(key: i64_2d, camera: f32_1d, position: f32_2d, radius: f32_1d
 
 @ti.kernel
 def raster_triangles(key: i64_2d, camera: f32_1d, position: f32_2d, triangles: i32_2d, first: ti.i32):
-    """Triangles, seen from both sides; one that crosses the plane of the camera is drawn as far as it is in front.
+    """Triangles, seen from both sides; of one that crosses the plane of the camera, what is in front.
 
     Edge functions in homogeneous coordinates (Olano and Greer 1997), taken from a corner of the
     triangle's own box, where float32 is exact enough for triangles of a pixel.
@@ -240,7 +246,9 @@ def blend_capsules(
             true_radius = radius[n] * camera[FOCAL] / sb[3]
             r = ti.min(ti.max(true_radius, 0.5), MAX_PIXEL)
             length = ti.sqrt((sa[0] - sb[0]) ** 2 + (sa[1] - sb[1]) ** 2)
-            thinned = true_radius * (2.0 * length + 3.14159 * true_radius) / (r * (2.0 * length + 3.14159 * r))
+            thinned = (
+                true_radius * (2.0 * length + 3.14159 * true_radius) / (r * (2.0 * length + 3.14159 * r))
+            )
             left = faded(fog, sb[2])
             alpha = opacity[n] * ti.min(thinned, 1.0)
             row = ti.cast(tone[n], ti.i32)
@@ -260,7 +268,9 @@ def blend_capsules(
                         q = distance / (here + 0.5)
                         cover = ti.max(1.0 - q * q, 0.0) ** 2
                     depth = sa[2] + (sb[2] - sa[2]) * t
-                    nearest = ti.cast(key[y * samples + samples // 2, x * samples + samples // 2] >> 32, ti.i32)
+                    nearest = ti.cast(
+                        key[y * samples + samples // 2, x * samples + samples // 2] >> 32, ti.i32
+                    )
                     if cover > 0.0 and ti.bit_cast(depth, ti.i32) <= nearest:
                         absorbed = -ti.log(1.0 - ti.min(alpha * cover, MOST_HIDDEN))
                         strength = ti.Vector([0.0, 0.0, 0.0])

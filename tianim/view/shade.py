@@ -265,7 +265,9 @@ def triangle_surface(position: ti.template(), normal: ti.template(), triangles: 
     for k in ti.static(range(3)):
         corner = ti.Vector([normal[triangles[n, k], d] for d in ti.static(range(3))])
         agrees = corner.dot(flat)
-        smooth += share[k] * ti.select(ti.abs(agrees) < CREASE, flat, ti.select(agrees < 0.0, -corner, corner))
+        smooth += share[k] * ti.select(
+            ti.abs(agrees) < CREASE, flat, ti.select(agrees < 0.0, -corner, corner)
+        )
     return (smooth + 1e-6 * flat).normalized(), flat, share
 
 

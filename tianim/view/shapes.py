@@ -5,7 +5,8 @@ A shape is one unit long: its nose is at +z, its back is +y, its left is +x, its
 the colour at each vertex (a pale belly, dark stripes).
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,10 @@ Int = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Shape:
-    """Vertices (v, 3), motion (v, 3), tint (v,), triangles (t, 3); `beat` [1/s], `width` of a plain stick."""
+    """Vertices (v, 3), motion (v, 3), tint (v,), triangles (t, 3).
+
+    beat in 1/s, width of the plain stick that stands for it, normals (v, 3) or None where it is flat.
+    """
 
     vertices: Float
     motion: Float
@@ -24,9 +28,12 @@ class Shape:
     triangles: Int
     beat: float
     width: float
+    normals: Float | None = None
 
 
-def _shape(rows: list[tuple[float, ...]], triangles: list[tuple[int, int, int]], beat: float, width: float) -> Shape:
+def _shape(
+    rows: Sequence[tuple[float, ...]], triangles: Sequence[tuple[int, int, int]], beat: float, width: float
+) -> Shape:
     """A shape from rows (x, y, z, motion x, motion y, motion z, tint)."""
     table = np.array(rows, np.float32)
     return Shape(
@@ -55,7 +62,17 @@ def _bird() -> Shape:
         (0.68, 0.06, -0.16, 0.0, 0.34, 0.0, 1.3),  # 10 left wing tip
         (-0.68, 0.06, -0.16, 0.0, 0.34, 0.0, 1.3),  # 11 right wing tip
     ]
-    triangles = [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 4, 5), (1, 5, 2), (4, 6, 7), (4, 7, 5), (3, 4, 1), (3, 2, 5)]
+    triangles = [
+        (0, 1, 2),
+        (0, 3, 1),
+        (0, 2, 3),
+        (1, 4, 5),
+        (1, 5, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (3, 4, 1),
+        (3, 2, 5),
+    ]
     triangles += [(1, 8, 4), (8, 10, 4), (2, 5, 9), (9, 5, 11)]
     return _shape(rows, triangles, beat=2.6, width=0.22)
 
@@ -93,6 +110,44 @@ def _fish() -> Shape:
     triangles = [(0, 1, 3), (0, 3, 2), (1, 5, 3), (3, 5, 6), (3, 6, 2)]
     triangles += [(0, 4, 1), (0, 2, 4), (1, 4, 5), (4, 6, 5), (4, 2, 6), (5, 7, 6), (6, 7, 8), (1, 9, 5)]
     return _shape(rows, triangles, beat=2.2, width=0.2)
+
+
+def _near_fish() -> Shape:
+    """A fish to be seen close by: a round body, fins, and a tail fin like a crescent."""
+    ring = 12
+    # Along the body from the mouth: place, half height, half width, middle height.
+    loft = [
+        (0.5, 0.004, 0.004, -0.01), (0.465, 0.03, 0.026, -0.006), (0.4, 0.062, 0.05, 0.0),
+        (0.28, 0.095, 0.07, 0.005), (0.14, 0.112, 0.078, 0.006), (-0.02, 0.1, 0.066, 0.004), (-0.17, 0.066, 0.044, 0.004),
+        (-0.29, 0.034, 0.022, 0.005), (-0.385, 0.02, 0.012, 0.006),
+    ]  # fmt: skip
+    rows, normals, triangles = [], [], []
+    for z, high, wide, middle in loft:
+        for k in range(ring):
+            angle = 2 * np.pi * k / ring
+            c, s = np.cos(angle), np.sin(angle)
+            tint = 0.95 - 0.5 * max(s, 0.0) + 0.5 * max(-s - 0.2, 0.0)  # dark back, pale belly
+            rows.append((wide * c, middle + high * s, z, 0.35 * max(0.2 - z, 0.0) ** 2, 0.0, 0.0, tint))
+            normal = np.array([c / max(wide, 1e-3), s / max(high, 1e-3), 4.0 * (z - 0.1)])
+            normals.append(tuple(normal / np.linalg.norm(normal)))
+    for j in range(len(loft) - 1):
+        for k in range(ring):
+            a, b = j * ring + k, j * ring + (k + 1) % ring
+            triangles += [(a, b, a + ring), (b, b + ring, a + ring)]
+    fins = (
+        [(0.0, 0.015, -0.37), (0.0, 0.19, -0.53), (0.0, 0.03, -0.45)],
+        [(0.0, 0.0, -0.37), (0.0, 0.03, -0.45), (0.0, -0.14, -0.5)],
+        [(0.0, 0.1, 0.1), (0.0, 0.095, -0.06), (0.0, 0.235, -0.08)],
+        [(0.0, 0.05, -0.2), (0.0, 0.035, -0.26), (0.0, 0.09, -0.28)],
+        [(0.06, -0.05, 0.2), (0.055, -0.055, 0.08), (0.21, -0.12, 0.02)],
+        [(-0.06, -0.05, 0.2), (-0.055, -0.055, 0.08), (-0.21, -0.12, 0.02)],
+    )
+    for fin in fins:
+        triangles.append((len(rows), len(rows) + 1, len(rows) + 2))
+        rows += [(x, y, z, 0.35 * max(0.2 - z, 0.0) ** 2, 0.0, 0.0, 0.6) for x, y, z in fin]
+        normals += [(0.0, 0.0, 0.0)] * 3
+    body = _shape(rows, triangles, beat=0.9, width=0.2)
+    return replace(body, normals=np.array(normals, np.float32))
 
 
 def _bee() -> Shape:
@@ -147,11 +202,12 @@ def _arrow() -> Shape:
 
 
 FAR_SHAPES = {"birds": _far_bird()}  # for what is only a few pixels long
+NEAR_SHAPES = {"fish": _near_fish()}  # for what is large in the picture
 SHAPES = {"birds": _bird(), "fish": _fish(), "bees": _bee(), "darts": _dart(), "arrows": _arrow()}
 
 
 def heading_quaternion(forward: Float, up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Float:
-    """Unit quaternions (x, y, z, w), shape (n, 4), that turn +z to `forward` and +y as near to `up` as can be.
+    """Unit quaternions (x, y, z, w), shape (n, 4), that turn +z to `forward` and +y towards `up`.
 
     A zero or vertical `forward` keeps some fixed, finite turn.
     """
@@ -169,7 +225,9 @@ def heading_quaternion(forward: Float, up: tuple[float, float, float] = (0.0, 1.
 def _from_axes(x: Float, y: Float, z: Float) -> Float:
     """Quaternions of right-handed frames, by the largest component (Shepperd 1978)."""
     trace = x[:, 0] + y[:, 1] + z[:, 2]
-    squares = np.stack([1 + 2 * x[:, 0] - trace, 1 + 2 * y[:, 1] - trace, 1 + 2 * z[:, 2] - trace, 1 + trace], 1)
+    squares = np.stack(
+        [1 + 2 * x[:, 0] - trace, 1 + 2 * y[:, 1] - trace, 1 + 2 * z[:, 2] - trace, 1 + trace], 1
+    )
     products = np.empty((len(x), 4, 4), np.float32)
     products[:, range(4), range(4)] = squares
     products[:, 0, 1] = products[:, 1, 0] = x[:, 1] + y[:, 0]

@@ -68,7 +68,11 @@ def survey(frames: Frames) -> Survey:
     first = frames[0] if count else None
     points = sum(len(part.position) for part in first.parts) if first else 0
     most = MAX_FRAMES_LARGE if points > LARGE else MAX_FRAMES
-    indices = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)) if count else np.zeros(0, np.int64)
+    indices = (
+        np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
+        if count
+        else np.zeros(0, np.int64)
+    )
     seen = [frames[int(index)] for index in indices]
     moving = _action_names(seen)
     action = [_sample([part for part in frame.parts if part.name in moving]) for frame in seen]
@@ -124,7 +128,9 @@ def _flat_axis(action: Sequence[Float]) -> int | None:
 
 
 def _lowest(seen: Sequence[Frame]) -> float:
-    heights = [finite(part.position)[:, 1].min() for f in seen for part in f.parts if len(finite(part.position))]
+    heights = [
+        finite(part.position)[:, 1].min() for f in seen for part in f.parts if len(finite(part.position))
+    ]
     return float(min(heights)) if heights else 0.0
 
 

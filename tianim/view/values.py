@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.errors import SceneError
-from tianim.frame import Part, Points
+from tianim.frame import Part
 
 Float = NDArray[np.float32]
 
@@ -39,9 +39,3 @@ def values_of(part: Part, by: str, flat: int | None = None) -> Float:
         return np.sqrt(np.einsum("ij,ij->i", velocity, velocity))
     across, along = (velocity[:, 0], velocity[:, 1]) if flat == 2 else (velocity[:, 2], velocity[:, 0])
     return (np.arctan2(along, across) / (2 * np.pi) % 1.0).astype(np.float32)
-
-
-def species_of(part: Part) -> NDArray[np.int32] | None:
-    """Whole-number kinds of the points, or None."""
-    species = part.data.get("species") if isinstance(part, Points) else None
-    return None if species is None or len(species) == 0 else np.asarray(species).astype(np.int32)

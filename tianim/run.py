@@ -114,6 +114,7 @@ def _make_frames(run: Run, scene: "Scene", simulation: "Simulation", progress: P
                 checkpoint.save(run.checkpoints, frame.index, simulation.state())
                 run.save(frames_done=frame.index + 1)
             if interrupts.pending and not last:
+                exporters.abandon()  # a resumed run assembles the one-file formats
                 run.save(state="stopped", stopped_by=interrupts.pending.name)
                 return
     run.save(state="done")

@@ -19,4 +19,6 @@ def as_tests(cases: Iterable[Case]) -> list[ParameterSet]:
 def assert_passes(case: Case) -> None:
     measured = case.run()
     lower, upper = case.range()
-    assert case.passed(measured), f"{case.name}: {measured:g} is not in {lower:g} to {upper:g} ({case.source})"
+    assert case.passed(measured), (
+        f"{case.name}: {measured:g} is not in {lower:g} to {upper:g} ({case.source})"
+    )

@@ -8,15 +8,15 @@ from checks import as_tests, assert_passes
 
 from tianim.system import Bounds
 from tianim.systems.boids.params import BoidsParams
-from tianim.validate import Case, flocking, murmuration, steering
-from tianim.validate.build import advance, built, periodic
-from tianim.validate.flocking import OFF, acceleration, oracle_of, rule
+from tianim.validate import CASES, Case, flocking
+from tianim.validate.build import OFF, acceleration, advance, built, periodic, rule, runner
+from tianim.validate.flocking import oracle_of
 
 # float32 positions of some metres.
 PLACE = 1e-5
 
 
-@pytest.mark.parametrize("case", as_tests((*flocking.CASES, *steering.CASES, *murmuration.CASES)))
+@pytest.mark.parametrize("case", as_tests(case for case in CASES["boids"] if case.system == "boids"))
 def test_case(case: Case) -> None:
     assert_passes(case)
 
@@ -78,11 +78,26 @@ def test_nobody_leaves_the_bounds(kind: str, dimension: int) -> None:
         advance(system, 2, 1 / 30)
 
 
+def test_what_leaves_a_periodic_box_comes_in_on_the_other_side() -> None:
+    way = np.array([0.6, -0.8, 0.0])
+    system = built(
+        "boids", periodic(4.0, -1.5), separation=OFF, alignment=OFF, cohesion=OFF, speed=1.0,
+        start={"kind": "points", "positions": ((1.0, 1.0, 1.0),)},
+        heading={"kind": "along", "direction": tuple(way)},
+    )  # fmt: skip
+    for step in range(1, 200):
+        system.step(0.1 * step, 0.1)
+        wanted = -1.5 + np.mod(1.0 + 0.1 * step * way + 1.5, 4.0)
+        off = system.read("position")[0] - wanted
+        # A hundred and more float32 additions at 4 m.
+        assert np.abs(off - 4.0 * np.round(off / 4.0)).max() < 1e-4
+
+
 def test_a_wall_reflects() -> None:
     system = built(
         "boids", Bounds("contained", (-1.0,) * 3, (1.0,) * 3), separation=OFF, alignment=OFF, cohesion=OFF,
-        start={"kind": "points", "positions": ((0.95, 0.0, 0.5),)}, heading={"kind": "along", "direction": (3.0, 0.0, 4.0)},
-        speed=1.0,
+        start={"kind": "points", "positions": ((0.95, 0.0, 0.5),)}, speed=1.0,
+        heading={"kind": "along", "direction": (3.0, 0.0, 4.0)},
     )  # fmt: skip
     system.step(0.0, 0.2)
     np.testing.assert_allclose(system.read("velocity")[0], [-0.6, 0.0, 0.8], atol=PLACE)
@@ -106,9 +121,11 @@ def test_nobody_is_inside_a_moving_body() -> None:
 
 def test_a_target_species_without_members_is_minded_by_nobody() -> None:
     """A sweep over the number of predators starts at none."""
-    behaviours = tuple(
-        {"kind": kind, "target": {"kind": "species", "name": "hawks"}, "radius": 50.0} for kind in ("flee", "evasion")
-    ) + ({"kind": "pursuit", "target": {"kind": "species", "name": "hawks"}}, {"kind": "leader", "leaders": "hawks"})
+    hawks = {"target": {"kind": "species", "name": "hawks"}}
+    behaviours = (
+        {"kind": "flee", "radius": 50.0, **hawks}, {"kind": "evasion", "radius": 50.0, **hawks},
+        {"kind": "pursuit", **hawks}, {"kind": "leader", "leaders": "hawks"},
+    )  # fmt: skip
     system = built(
         "boids", count=20, separation=OFF, alignment=OFF, cohesion=OFF, behaviours=behaviours,
         species={"hawks": {"count": 0}},
@@ -127,7 +144,8 @@ def test_a_body_is_a_target() -> None:
     way = {"keys": ((0.0, (0.0, 0.0, 0.0)), (10.0, (10.0, 0.0, 0.0)))}
     system = built(
         "boids", bodies={"bait": {"kind": "sphere", "radius": 0.01, "position": way}}, count=5,
-        separation=OFF, alignment=OFF, cohesion=OFF, limits={"max_speed": 4.0}, start={"kind": "ball", "radius": 3.0},
+        separation=OFF, alignment=OFF, cohesion=OFF, limits={"max_speed": 4.0},
+        start={"kind": "ball", "radius": 3.0},
         behaviours=({"kind": "seek", "target": {"kind": "body", "name": "bait"}, "weight": 2.0},),
     )  # fmt: skip
     advance(system, 300, 1 / 30)
@@ -183,7 +201,7 @@ def test_keyframed_weights_and_radii_are_those_of_the_moment() -> None:
 def test_orientation_points_ahead_and_leans_into_the_turn() -> None:
     from scipy.spatial.transform import Rotation
 
-    system = steering.runner(limits={"max_speed": 1e3, "max_bank": 80.0, "bank_time": 0.1}, speed=10.0)
+    system = runner(limits={"max_speed": 1e3, "max_bank": 80.0, "bank_time": 0.1}, speed=10.0)
     system.add_force(lambda time, position, velocity: np.cross((0.0, 0.8, 0.0), velocity))
     advance(system, 60, 1 / 60)
     part = system.snapshot()[0]

@@ -81,9 +81,9 @@ def test_a_wave_is_seen_with_its_speed() -> None:
 
 
 def test_no_wave_is_seen_where_there_is_none() -> None:
-    """A flock that flies on and swells as a whole, with a predator at its end."""
-    swelling = slab() * (1.0 + 0.05 * TIME)[:, None, None] + TIME[:, None, None] * (-3.0, 1.0, 0.0)
-    compression, _ = density_wave(TIME, swelling, predator() + TIME[:, None] * (-3.0, 1.0, 0.0), reach=10.0)
+    """A flock that flies on and shrinks as a whole, with a predator at its end."""
+    shrinking = slab() * (1.0 - 0.05 * TIME)[:, None, None] + TIME[:, None, None] * (-3.0, 1.0, 0.0)
+    compression, _ = density_wave(TIME, shrinking, predator() + TIME[:, None] * (-3.0, 1.0, 0.0), reach=10.0)
     assert compression < 1.05
 
 

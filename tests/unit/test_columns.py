@@ -53,6 +53,16 @@ def test_what_was_written_is_read_through_any_sorts(count: int) -> None:
         np.testing.assert_array_equal(columns.read("id"), np.arange(count))
 
 
+def test_what_is_written_after_a_sort_is_read() -> None:
+    columns, _ = filled(1000)
+    moved(columns, np.random.default_rng(5).permutation(1000).astype(np.int32))
+    values = filled(1000)[1]
+    values = {name: value[::-1].copy() for name, value in values.items()}
+    for name, value in values.items():
+        columns.write(name, value)
+    assert_holds(columns, values)
+
+
 @pytest.mark.parametrize("count", [1, 1000])
 def test_the_permutation_is_the_one_asked_for(count: int) -> None:
     columns, values = filled(count)

@@ -110,7 +110,9 @@ def test_pairs_of_a_million_equal_the_tree(kind: str) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize(("lower", "upper"), [(0.0, 10.0), (-5.0, 5.0), (0.0, 7.3), (-1.1, 2.3), (100.0, 109.7)])
+@pytest.mark.parametrize(
+    ("lower", "upper"), [(0.0, 10.0), (-5.0, 5.0), (0.0, 7.3), (-1.1, 2.3), (100.0, 109.7)]
+)
 def test_pairs_across_the_seam(lower: float, upper: float, dimension: int) -> None:
     """Boxes that start at zero, are centred, have a length that float32 cannot hold, lie far out."""
     position = scattered(2000, lower, upper, dimension)
@@ -119,12 +121,16 @@ def test_pairs_across_the_seam(lower: float, upper: float, dimension: int) -> No
     assert_same_pairs(position, 0.3 * radius, box("periodic", lower, upper), dimension)
 
 
-def with_partners(places: NDArray[np.float64], radius: float, dimension: int, seed: int) -> NDArray[np.float64]:
+def with_partners(
+    places: NDArray[np.float64], radius: float, dimension: int, seed: int
+) -> NDArray[np.float64]:
     """The places, and for each a partner at r (1 - 1e-6) and one at r (1 + 1e-6), any direction."""
     rng = np.random.default_rng(seed)
     way = rng.normal(size=places.shape)
     # Along an axis too, where a partner sits in the next cell or on its face.
-    way[: len(way) // 2] = np.eye(3)[rng.integers(0, dimension, len(way) // 2)] * rng.choice([-1, 1], (len(way) // 2, 1))
+    way[: len(way) // 2] = np.eye(3)[rng.integers(0, dimension, len(way) // 2)] * rng.choice(
+        [-1, 1], (len(way) // 2, 1)
+    )
     way[:, dimension:] = 0.0
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     near, far = radius * (1.0 - EDGE), radius * (1.0 + EDGE)
@@ -168,20 +174,32 @@ def test_pairs_at_the_radius_round_the_origin(radius: float, kind: str, dimensio
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize(
     ("lower", "upper", "radius"),
-    [(0.0, 4.0, 1.0), (-4.0, 4.0, 1.0), (0.0, 7.3, 0.7), (-3.65, 3.65, 0.7), (-1.1, 2.3, 0.5), (0.0, 0.5, 0.01)],
+    [
+        (0.0, 4.0, 1.0),
+        (-4.0, 4.0, 1.0),
+        (0.0, 7.3, 0.7),
+        (-3.65, 3.65, 0.7),
+        (-1.1, 2.3, 0.5),
+        (0.0, 0.5, 0.01),
+    ],
 )
-def test_pairs_at_the_radius_across_the_seam(lower: float, upper: float, radius: float, dimension: int) -> None:
+def test_pairs_at_the_radius_across_the_seam(
+    lower: float, upper: float, radius: float, dimension: int
+) -> None:
     """Places on and near the faces, edges and corners of a periodic box."""
     rng = np.random.default_rng(5)
     length = upper - lower
     places = rng.uniform(lower, upper, (120, 3))
     side = rng.integers(0, 3, places.shape)
-    places = np.where(side == 0, lower + radius * rng.random(places.shape) * (rng.random(places.shape) < 0.7), places)
+    places = np.where(
+        side == 0, lower + radius * rng.random(places.shape) * (rng.random(places.shape) < 0.7), places
+    )
     places = np.where(side == 1, upper - radius * rng.random(places.shape), places)
     position = with_partners(places, radius, dimension, 6)
     position = (lower + np.mod(position - lower, length)).astype(np.float32)
     position[:, dimension:] = 0.0
-    position = np.where((position >= np.float32(upper)) | (position < np.float32(lower)), np.float32(lower), position)
+    outside = (position >= np.float32(upper)) | (position < np.float32(lower))
+    position = np.where(outside, np.float32(lower), position).astype(np.float32)
     position[:, dimension:] = 0.0
     assert_edges_are_told(position, radius, box("periodic", lower, upper), dimension)
 
@@ -198,7 +216,7 @@ def test_coincident_points_are_neighbours(kind: str, dimension: int) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("kind", ["open", "contained", "periodic"])
 def test_all_in_one_cell_and_one_far_away(kind: str, dimension: int) -> None:
-    position = scattered(1000, 0.1, 0.9, dimension)
+    position = scattered(400, 0.1, 0.9, dimension)
     position[-1, :dimension] = 63.0
     assert_same_pairs(position, 1.0, OPEN if kind == "open" else box(kind, 0.0, 64.0), dimension)
 
@@ -237,7 +255,7 @@ def test_pairs_on_the_lattice_of_cells() -> None:
 
 
 def test_a_narrow_periodic_box_is_refused() -> None:
-    with pytest.raises(SceneError, match="axis x is less than 3.003 times"):
+    with pytest.raises(SceneError, match=r"axis x is less than 3\.003 times"):
         NeighborGrid(10, 3, box("periodic", 0.0, 2.9), 1.0)
 
 
@@ -308,7 +326,9 @@ def test_lists_with_a_skin_stay_complete_until_half_of_it_is_crossed(kind: str, 
     lists = NeighborLists(count, dimension, bounds, radius, skin)
     assert lists.needs_rebuild(columns)
     assert lists.update(columns)
-    np.testing.assert_array_equal(pairs_of(lists, columns), expected(position, radius + skin, bounds, dimension))
+    np.testing.assert_array_equal(
+        pairs_of(lists, columns), expected(position, radius + skin, bounds, dimension)
+    )
     order = columns.state()["id"].copy()
 
     way = np.random.default_rng(3).normal(size=(count, 3))
@@ -323,8 +343,8 @@ def test_lists_with_a_skin_stay_complete_until_half_of_it_is_crossed(kind: str, 
     listed = {tuple(pair) for pair in pairs_of(lists, columns)}
     assert {tuple(pair) for pair in expected(moved, radius, bounds, dimension)} <= listed
 
-    moved[7, 0] += 0.12 * skin if way[7, 0] > 0 else -0.12 * skin
-    moved[7, :2] = position[7, :2] + np.float32([0.51 * skin, 0.0])
+    moved[7] = position[7]
+    moved[7, :2] = position[7, :2] + np.array([0.51 * skin, 0.0], np.float32)
     columns.write("position", moved)
     assert lists.needs_rebuild(columns)
     assert lists.update(columns)

@@ -95,7 +95,8 @@ def sort_order(
                 cz = cell_coordinate(x[2, i], 2, shape, geometry)
                 c = (cz * shape[NY] + cy) * shape[NX] + cx
                 cell[i] = c
-                histogram[t, c] += 1
+                # Not `+=`: the compiler makes that an atomic, which makes this more than twice as slow.
+                histogram[t, c] = histogram[t, c] + 1
     ti.loop_config(serialize=True)
     for _ in range(1):
         total = 0
@@ -111,8 +112,9 @@ def sort_order(
             t = task_block // stride
             for i in range(share(n, t, tasks), share(n, t + 1, tasks)):
                 c = cell[i]
-                destination[i] = histogram[t, c]
-                histogram[t, c] += 1
+                place = histogram[t, c]
+                destination[i] = place
+                histogram[t, c] = place + 1
 
 
 @ti.func

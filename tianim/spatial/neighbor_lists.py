@@ -252,7 +252,7 @@ class NeighborLists:
         self._list()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Positions at the last build, (3, n) in storage order: a checkpoint holds them beside the columns."""
+        """Positions at the last build, (3, n) in storage order: what a checkpoint holds of lists."""
         return {"built": self._reference.to_numpy()[:, : self.count if self._built else 0]}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:

@@ -16,12 +16,12 @@ from typing import Any
 
 from tianim import runtime
 from tianim.errors import BlowupError, SceneError
-from tianim.validate import couzin, flocking, murmuration, steering, vicsek
+from tianim.validate import couzin, flocking, limits, murmuration, steering, steering_laws, vicsek
 from tianim.validate.case import Case, Figure
 
 __all__ = ["CASES", "Case", "Figure", "run"]
 
-_FLOCKS = (*flocking.CASES, *steering.CASES, *murmuration.CASES)
+_FLOCKS = (*flocking.CASES, *steering_laws.CASES, *steering.CASES, *limits.CASES, *murmuration.CASES)
 CASES: dict[str, tuple[Case, ...]] = {
     "boids": (*_FLOCKS, *vicsek.CASES, *couzin.CASES),
     "couzin": couzin.CASES,
@@ -58,10 +58,17 @@ def _results(cases: tuple[Case, ...], out: Path | None) -> Iterator[Result]:
             measured[case] = math.nan
         yield result(case, measured[case], time.perf_counter() - started)
         figure = case.figure
-        if out is not None and figure is not None and figure not in (other.figure for other in cases[k + 1 :]):
+        if (
+            out is not None
+            and figure is not None
+            and figure not in (other.figure for other in cases[k + 1 :])
+        ):
             from tianim.validate.plots import plot
 
-            plot(figure, {case: value for case, value in measured.items() if case.figure == figure}, out)
+            points = {
+                c: value for c, value in measured.items() if c.figure == figure and math.isfinite(value)
+            }
+            plot(figure, points, out)
 
 
 def result(case: Case, measured: float, seconds: float) -> Result:

@@ -1,4 +1,4 @@
-"""A case: one number that we measure, one that is published or follows from the law, and how near they must be."""
+"""A case: a number that we measure, one that is published or follows from the law, how near they must be."""
 
 import math
 from collections.abc import Callable

@@ -28,7 +28,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tianim.frame import Frame, Points
+from tianim.frame import Frame
 from tianim.validate.case import Case, Comparison
 
 Floats = NDArray[np.float64]
@@ -107,7 +107,7 @@ def density_wave(time: Floats, position: Floats, predator: Floats, reach: float)
     rise = np.empty((len(later), len(shells)))
     for row, k in enumerate(later):
         ratio = density(position[k]) / before
-        rise[row] = [np.median(ratio[shell == s]) for s in shells] / np.median(ratio)
+        rise[row] = np.array([np.median(ratio[shell == s]) for s in shells]) / np.median(ratio)
     if rise.size == 0:
         return 0.0, 0.0
     peak, when = rise.max(axis=0), time[later][rise.argmax(axis=0)]
@@ -125,26 +125,25 @@ def measure(
     frames: Iterable[Frame], flock: str, predators: str | None, linking_length: float, reach: float
 ) -> Murmuration:
     """Judge the part `flock` of a run, hunted by the part `predators`, which is minded within `reach` [m]."""
-    times, places, hunters, headings, velocity = [], [], [], [], None
+    times: list[float] = []
+    places, hunters, headings = [], [], []
     for frame in frames:
         if times and frame.time < times[-1] + EVERY - 1e-6:
             continue
         boids = frame.part(flock)
-        assert isinstance(boids, Points)
-        velocity = np.asarray(boids.data["velocity"], np.float64)
         times.append(frame.time)
         places.append(boids.position)
-        headings.append(mean_direction(velocity))
+        headings.append(mean_direction(np.asarray(boids.data["velocity"], np.float64)))
         hunters.append(frame.part(predators).position if predators else np.zeros((0, 3)))
     time, heading = np.array(times), np.array(headings)
     last = time >= time[-1] - LAST - 1e-6
     polarisation = np.linalg.norm(heading[last], axis=1)
     half_seconds = [k for k in np.flatnonzero(last) if k % 5 == 0]
-    position, hunter = np.array(places), np.array(hunters)
+    position, hunter = np.array(places, np.float64), np.array(hunters, np.float64)
     waves = [density_wave(time, position, hunter[:, k], reach) for k in range(hunter.shape[1])]
     compression, speed = max(waves, default=(0.0, 0.0))
     return Murmuration(
-        cluster=min(largest_cluster(places[k], linking_length) for k in half_seconds),
+        cluster=min(largest_cluster(position[k], linking_length) for k in half_seconds),
         polarisation=(float(polarisation.min()), float(polarisation.max())),
         turn=turned_by(heading[last]),
         compression=compression,

@@ -1,4 +1,4 @@
-"""The three rules of the flock in float64, every boid against every other: slow, plain, and apart from the kernels.
+"""The three rules of the flock in float64, every boid against every other: slow, and apart from the kernels.
 
     separation  w_s sum -d / |d|^2,   alignment  w_a (mean v_j - v_i),   cohesion  w_c mean d
 
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 def displacements(position: Floats, bounds: Bounds, dimension: int) -> Floats:
     """d[i, j] = x_j - x_i to the nearest image [m], shape (n, n, 3)."""
     d = position[None, :, :] - position[:, None, :]
-    if bounds.kind == "periodic":
+    if bounds.lower is not None and bounds.upper is not None and bounds.kind == "periodic":
         length = np.subtract(bounds.upper, bounds.lower)
         for axis in range(dimension):
             d[..., axis] -= length[axis] * np.round(d[..., axis] / length[axis])
@@ -104,7 +104,7 @@ class Flock:
                 result[i] = sum(_within(steps, limits.max_acceleration))
             else:
                 total = np.sum(steps, axis=0)
-                size = np.linalg.norm(total)
+                size = float(np.linalg.norm(total))
                 result[i] = total * min(1.0, limits.max_acceleration / max(size, 1e-30))
         return result
 

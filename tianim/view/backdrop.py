@@ -9,6 +9,7 @@ from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from tianim.view import shade
 from tianim.view.colormap import hex_to_linear, to_linear
@@ -16,6 +17,7 @@ from tianim.view.raster import FOCAL
 
 Float = NDArray[np.float32]
 Ramp = tuple[tuple[float, str], ...]
+Background = str | tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ PRESETS = {
     ),
     "studio": Preset(
         ramp=((0, "#a9a8a6"), (0.3, "#bdbcba"), (0.62, "#d3d2d0"), (0.8, "#d0d0d0"), (1, "#b4b6ba")),
-        sun=(-0.55, 0.75, 0.38), key=(0.92, 0.88, 0.80), above=(0.42, 0.45, 0.50), below=(0.22, 0.21, 0.20),
+        sun=(-0.5, 0.85, 0.35), key=(0.92, 0.88, 0.80), above=(0.42, 0.45, 0.50), below=(0.22, 0.21, 0.20),
         subject=("#b4533c", "#2f6f9f", "#d9a441", "#5b8c5a"), body="#8f9299", line="#3b3d42",
         floor=True, by="speed", corners=0.85, shadow=0.9, shine=0.10, rim=0.05, vignette=0.16, elevation=17.0,
     ),
@@ -89,11 +91,11 @@ PRESETS = {
 }  # fmt: skip
 
 
-def preset_of(background: object) -> Preset:
+def preset_of(background: Background) -> Preset:
     """The preset of that name; two colours make one with the light of the night or the studio."""
     if isinstance(background, str):
         return PRESETS[background]
-    bottom, top = background  # type: ignore[misc]
+    bottom, top = background
     bright = float(np.mean([hex_to_linear(bottom), hex_to_linear(top)])) > 0.25
     base = PRESETS["studio" if bright else "night"]
     return Preset(**{**base.__dict__, "ramp": ((0, bottom), (1, top)), "floor": False, "shadow": 0.0})
@@ -149,14 +151,16 @@ class Backdrop:
 
     def _draw_still(self, camera: Float) -> Float:
         height, width = self._height, self._width
-        row = np.arange(height, dtype=np.float32)[:, None] + 0.5
-        column = np.arange(width, dtype=np.float32)[None, :] + 0.5
-        x, y = (column - 0.5 * width) / height, (0.5 * height - row) / height
+        row = np.arange(height, dtype=np.float32)[:, None] + np.float32(0.5)
+        column = np.arange(width, dtype=np.float32)[None, :] + np.float32(0.5)
+        x: Float = ((column - 0.5 * width) / height).astype(np.float32)
+        y: Float = ((0.5 * height - row) / height).astype(np.float32)
         if self._preset.sky:
             rise = self._elevation(camera, x * height, y * height)
             picture = _ramp(self._preset.ramp, rise)
         else:
-            picture = np.broadcast_to(_ramp(self._preset.ramp, y + 0.5), (height, width, 3))
+            rise = (y + np.float32(0.5)).astype(np.float32)
+            picture = np.broadcast_to(_ramp(self._preset.ramp, rise), (height, width, 3))
         away = np.sqrt(x * x + 1.3 * y * y)
         shade_off = 1.0 - self._preset.vignette * np.clip(away / 0.95, 0, 1) ** 2
         return np.ascontiguousarray(picture * shade_off[..., None], dtype=np.float32)
@@ -201,7 +205,7 @@ def _fill_below(picture: Float, top: Float, color: Float) -> Float:
     first = int(np.clip(np.floor(top.min()), 0, len(picture)))
     if first >= len(picture):
         return picture
-    out = picture.copy() if picture.flags.owndata else picture
+    out = picture.copy()
     rows = np.arange(first, len(picture), dtype=np.float32)[:, None] + 0.5
     cover = np.clip(rows - top[None, :] + 0.5, 0.0, 1.0)[..., None]
     out[first:] = out[first:] * (1 - cover) + color * cover
@@ -213,18 +217,11 @@ def _ramp(ramp: Ramp, height: Float) -> Float:
     places = np.array([place for place, _ in ramp], np.float32)
     encoded = np.array([[int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)] for _, color in ramp])
     fine = np.linspace(places[0], places[-1], 512)
-    from scipy.interpolate import PchipInterpolator
-
-    curve = (
-        PchipInterpolator(places, encoded)(fine)
-        if len(places) > 2
-        else np.stack([np.interp(fine, places, encoded[:, k]) for k in range(3)], axis=1)
-    )
-    table = to_linear(np.clip(curve, 0, 1))
+    table = to_linear(np.clip(PchipInterpolator(places, encoded)(fine), 0, 1))
     share = np.clip((height - places[0]) / (places[-1] - places[0]), 0, 1) * (len(fine) - 1)
     low = np.minimum(share.astype(np.int32), len(fine) - 2)
     part = (share - low)[..., None]
-    return table[low] * (1 - part) + table[low + 1] * part  # type: ignore[no-any-return]
+    return table[low] * (1 - part) + table[low + 1] * part
 
 
 class _Shafts:
@@ -234,10 +231,9 @@ class _Shafts:
         x = (np.arange(width, dtype=np.float32)[None, :] + 0.5 - 0.42 * width) / height
         y = (np.arange(height, dtype=np.float32)[:, None] + 0.5) / height
         angle = np.arctan2(x, y + 0.55)
-        self._place = np.clip((angle + radians(75)) / radians(150), 0, 1) * 1023
-        self._index = self._place.astype(np.int32)
+        self._index = (np.clip((angle + radians(75)) / radians(150), 0, 1) * 1023).astype(np.int32)
         fade = np.exp(-2.1 * y) * np.exp(-1.6 * (x * 0.8) ** 2)
-        self._fade = (fade[..., None] * np.float32((0.055, 0.15, 0.17))).astype(np.float32)
+        self._fade = (fade[..., None] * np.array((0.055, 0.15, 0.17))).astype(np.float32)
 
     def light(self, time: float) -> Float:
         """What they add to the picture at `time` [s]."""
@@ -245,5 +241,5 @@ class _Shafts:
         rays = np.zeros(1024)
         for waves, speed, size in ((9, 0.11, 1.0), (17, -0.16, 0.7), (31, 0.23, 0.5), (53, -0.3, 0.3)):
             rays += size * np.sin(2 * np.pi * (waves * angle + speed * time) + waves)
-        rays = np.clip(0.35 + 0.3 * rays, 0, None).astype(np.float32) ** 1.4
-        return rays[self._index][..., None] * self._fade
+        strength: Float = (np.clip(0.35 + 0.3 * rays, 0, None) ** 1.4).astype(np.float32)
+        return strength[self._index][..., None] * self._fade

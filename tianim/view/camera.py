@@ -67,7 +67,7 @@ def camera_array(
     return out
 
 
-def _direction(azimuth: float, elevation: float) -> Vector:
+def _toward(azimuth: float, elevation: float) -> Vector:
     """Unit vector from the action to the camera; angles in degrees."""
     a, e = radians(azimuth), radians(elevation)
     return np.array([sin(a) * cos(e), sin(e), cos(a) * cos(e)])
@@ -80,15 +80,23 @@ def _axes(back: Vector, up: Vector) -> Vector:
     return np.stack([right, np.cross(back, right), back])
 
 
+@dataclass(frozen=True)
+class Stand:
+    """Direction in which the camera stands where the look leaves it open [degrees]."""
+
+    azimuth: float
+    elevation: float
+
+
 class CameraPath:
-    """Where the camera is at each frame of a film."""
+    """Where the camera is at each frame of a film; `girth` is the largest radius of an item [m]."""
 
     def __init__(
-        self, look: CameraLook, survey: Survey, width: int, height: int, azimuth: float, elevation: float
+        self, look: CameraLook, survey: Survey, width: int, height: int, stand: Stand, girth: float = 0.0
     ) -> None:
-        self._look, self._width, self._height = look, width, height
-        self._azimuth = azimuth if look.azimuth is None else look.azimuth
-        self._elevation = elevation if look.elevation is None else look.elevation
+        self._look, self._width, self._height, self._girth = look, width, height, girth
+        self._azimuth = stand.azimuth if look.azimuth is None else look.azimuth
+        self._elevation = stand.elevation if look.elevation is None else look.elevation
         self._count = int(survey.indices[-1]) + 1 if len(survey.indices) else 1
         self._plan = survey.flat if look.position is None else None
         if look.elevation is not None or look.azimuth is not None:
@@ -102,7 +110,7 @@ class CameraPath:
     def at(self, index: int, time: float) -> View:
         """The view of frame `index` at `time` [s]."""
         center, distance = self._center(index), float(self._distance(index))
-        back, up = self._stand(index)
+        back, up = self._direction(index)
         look = self._look.at(time)
         target = np.array(look.target) if look.target is not None else center
         if look.position is not None:
@@ -118,14 +126,14 @@ class CameraPath:
         camera = camera_array(eye, target, self._width, self._height, half, self.perspective, up)
         return View(camera, distance, self._radius)
 
-    def _stand(self, index: float) -> tuple[Vector, Vector]:
+    def _direction(self, index: float) -> tuple[Vector, Vector]:
         """Direction towards the camera, and what is up in the picture."""
         if self._plan is not None:
             back = np.zeros(3)
             back[self._plan] = 1.0
             return back, (np.array([0.0, 0.0, -1.0]) if self._plan == 1 else UP)
         share = index / max(self._count - 1, 1) - 0.5
-        return _direction(self._azimuth + self._look.orbit * share, self._elevation), UP
+        return _toward(self._azimuth + self._look.orbit * share, self._elevation), UP
 
     def _fit(self, survey: Survey) -> None:
         """Fit centre and distance to every surveyed frame, and smooth both."""
@@ -140,29 +148,29 @@ class CameraPath:
         indices = survey.indices if len(survey.indices) else np.zeros(1)
         frames_apart = (self._count - 1) / max(len(indices) - 1, 1)
         seconds = float(np.ptp(survey.times)) / max(len(indices) - 1, 1) if len(survey.times) else 1.0
-        stands = [_axes(*self._stand(float(index))) for index in indices]
+        stands = [_axes(*self._direction(float(index))) for index in indices]
         centers = [self._middle(points, axes) for points, axes in zip(action, stands, strict=True)]
-        center = _smooth(np.array(centers), CENTER_SECONDS / max(seconds, 1e-9))
+        center = _smooth(np.array(centers, np.float64), CENTER_SECONDS / max(seconds, 1e-9))
         wide = [self._needed(p, axes, c) for p, axes, c in zip(action, stands, center, strict=True)]
         sigma = DISTANCE_SECONDS / max(seconds, 1e-9)
         reach = maximum_filter1d(np.array(wide), size=2 * round(min(sigma, len(wide))) + 1, mode="nearest")
         distance = _smooth(reach[:, None], sigma, steady=True)[:, 0]
         self._radius = float(np.median([_radius(p, c) for p, c in zip(action, center, strict=True)]))
-        self._center = _spline(frames_apart * np.arange(len(indices)), center)
-        self._distance = _spline(frames_apart * np.arange(len(indices)), distance)
+        places = frames_apart * np.arange(len(indices), dtype=np.float64)
+        self._center, self._distance = _spline(places, center), _spline(places, distance)
 
     def _middle(self, points: Float, axes: Vector) -> Vector:
         """World point in the middle of the robust bounds along the camera's axes."""
         seen = points.astype(np.float64) @ axes.T
-        return np.percentile(seen, self._bounds, axis=0).mean(axis=0) @ axes  # type: ignore[no-any-return]
+        return np.percentile(seen, self._bounds, axis=0).mean(axis=0) @ axes
 
     def _needed(self, points: Float, axes: Vector, center: Vector) -> float:
         """Distance [m] from which the action fills its share of the picture."""
         seen = (points.astype(np.float64) - center) @ axes.T
         tall, wide = self._half * self.fill, self._half * self._width / self._height * max(WIDEST, self.fill)
         depth = seen[:, 2] if self.perspective else 0.0
-        need = np.maximum(np.abs(seen[:, 1]) / tall, np.abs(seen[:, 0]) / wide) + depth
-        size = float(np.percentile(need, self._bounds[1]))
+        up, aside = np.abs(seen[:, 1]) + self._girth, np.abs(seen[:, 0]) + self._girth
+        size = float(np.percentile(np.maximum(up / tall, aside / wide) + depth, self._bounds[1]))
         return max(size, 1e-6 + 1e-3 * float(np.abs(center).max()), 0.5 if len(points) < 2 else 0.0)
 
 
@@ -185,7 +193,7 @@ def _smooth(values: Vector, sigma: float, steady: bool = False) -> Vector:
     padded = (
         np.pad(values, padding, "edge") if steady else np.pad(values, padding, "reflect", reflect_type="odd")
     )
-    return gaussian_filter1d(padded, sigma, axis=0, mode="nearest")[beyond : beyond + count]  # type: ignore[no-any-return]
+    return gaussian_filter1d(padded, sigma, axis=0, mode="nearest")[beyond : beyond + count]
 
 
 def _spline(places: Vector, values: Vector) -> CubicSpline:

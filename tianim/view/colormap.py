@@ -90,7 +90,7 @@ def uniform(color: str) -> Float:
 
 
 def encoding_table(size: int, steps: float) -> Float:
-    """Bytes (as float) of linear light (k / steps)², k below `size`, with a shoulder above 0.8, not a clip."""
+    """Bytes (as float) of linear light (k / steps)², k below `size`; above 0.8 a shoulder, not a clip."""
     light = (np.arange(size) / steps) ** 2
     bent = np.where(light > 0.8, 1.0 - 0.04 / np.maximum(light - 0.6, 0.2), light)
     return (255.0 * to_srgb(bent)).astype(np.float32)

@@ -66,9 +66,8 @@ class Draft:
             return _mesh(part, tone)
         if isinstance(part, Lines):
             return _lines(part, style, tone)
-        keep = np.isfinite(part.position).all(axis=1)
-        if keep.all():
-            keep = slice(None)  # no copies
+        good = _finite_rows(part.position)
+        keep = slice(None) if good.all() else good  # a slice makes no copies
         position, tone = _f32(part.position[keep]), tone[keep]
         size = np.full(len(position), style.size, np.float32)
         if style.kind not in SHAPES:
@@ -98,8 +97,10 @@ class Draft:
             forward = np.zeros_like(part.position[keep])
         if velocity is not None and velocity.shape == part.position.shape:
             forward = _f32(velocity[keep])
-        up = {2: (0.0, 0.0, 1.0), 0: (1.0, 0.0, 0.0)}.get(self._flat, (0.0, 1.0, 0.0))
-        return heading_quaternion(np.nan_to_num(forward), up)
+        axis = 1 if self._flat is None else self._flat
+        return heading_quaternion(
+            np.nan_to_num(forward), (float(axis == 0), float(axis == 1), float(axis == 2))
+        )
 
     def _trail(self, part: Points, style: Style, earlier: Sequence[Frame]) -> list[Blend]:
         """Fading, thinning sticks through the places of each point in the frames before, newest first."""
@@ -149,13 +150,12 @@ def _mesh(part: Mesh, tone: Float) -> Triangles:
 
 def _finite_parts(position: Float, indices: NDArray[np.int32]) -> tuple[Float, NDArray[np.int32]]:
     """Positions without NaN, and the segments or triangles that had none."""
-    good = np.isfinite(position).all(axis=1)
+    good = _finite_rows(position)
     indices = np.ascontiguousarray(indices, dtype=np.int32)
     if good.all():
         return _f32(position), indices
-    return _f32(np.where(good[:, None], position, 0.0)), np.ascontiguousarray(
-        indices[good[indices].all(axis=1)]
-    )
+    whole = good[indices].all(axis=1)
+    return _f32(np.where(good[:, None], position, 0.0)), np.ascontiguousarray(indices[whole])
 
 
 def vertex_normals(position: Float, triangles: NDArray[np.int32]) -> Float:
@@ -181,6 +181,10 @@ def _posed(shape: Shape, position: Float, turn: Float, size: Float, tone: Float,
     first = np.arange(n, dtype=np.int32)[:, None, None] * v
     triangles = (shape.triangles[None] + first).reshape(-1, 3)
     return Triangles(vertices, normals, triangles, np.repeat(tone, v), np.tile(shape.tint, n))
+
+
+def _finite_rows(position: Float) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(position).all(axis=1))
 
 
 def _f32(values: NDArray) -> Float:

@@ -52,7 +52,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_film(path: Path, pictures: Iterable[Picture], rate: float) -> Path:
-    """Write `pictures` at `rate` a second; gives the file written: `path`, or a .webp where PyAV is missing."""
+    """Write `pictures` at `rate` a second; gives the file: `path`, or a .webp where PyAV is missing."""
     if can_write_mp4():
         write_mp4(path, pictures, rate)
         return path

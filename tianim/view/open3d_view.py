@@ -37,6 +37,7 @@ PACKAGES = "libgl1 libegl1 libx11-6 libudev1 libidn2-0 libgomp1 libusb-1.0-0 lib
 INSTALL = f"apt-get install -y --no-install-recommends {PACKAGES}"
 PROBE_SECONDS = 60.0
 SUN_LUX = 55_000.0  # with Open3D's own exposure and sky light this keeps our colours
+START_ZOOM = 0.6  # of Open3D's window: the action fills most of it
 KEYS = {"right": 262, "left": 263, "home": 268, "end": 269, "space": 32}  # of GLFW
 
 
@@ -60,7 +61,7 @@ def load() -> ModuleType:
         raise MissingPartError(f"Open3D is not installed: pip install {package}") from error
     except (ImportError, OSError) as error:
         raise MissingPartError(_missing_library(str(error))) from error
-    return open3d  # type: ignore[no-any-return]
+    return open3d
 
 
 def _offer_libusb() -> None:
@@ -177,7 +178,7 @@ class Open3dPainter(Painter):
         material = rendering.MaterialRecord()
         material.shader = "defaultLit"
         material.base_roughness = 0.75
-        geometry = self._draft.geometry(frame)
+        geometry = self.draft.geometry(frame)
         if len(geometry.triangles.triangles):
             scene.add_geometry("meshes", _lit_mesh(open3d, _corners(geometry, view.camera[:3])), material)
         toward = -self._light(view, geometry).stage[:3].astype(np.float64)
@@ -218,10 +219,12 @@ def _corners(geometry: Geometry, eye: Float | None = None) -> _Corners:
         rows = rows + np.where(behind, ENTRIES, 0)[:, None]
         normals = np.where(behind[:, None, None], -normals, normals)
     colors = geometry.colors[rows] * np.minimum(ours.tint[ours.triangles], 1.5)[..., None]
-    flat = [
-        np.ascontiguousarray(each.reshape(-1, 3), dtype=np.float32) for each in (corners, normals, colors)
-    ]
-    return _Corners(*flat, np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3))
+    numbers = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+    return _Corners(_column(corners), _column(normals), _column(colors), numbers)
+
+
+def _column(values: NDArray) -> Float:
+    return np.ascontiguousarray(values.reshape(-1, 3), dtype=np.float32)
 
 
 def _lit_mesh(open3d: ModuleType, corners: _Corners) -> Any:
@@ -278,10 +281,16 @@ class Scrubber:
         }  # fmt: skip
         for key, action in actions.items():
             self.window.register_key_callback(KEYS[key], _callback(action))
-        background = self._painter._backdrop.picture(self._painter.path.at(0, 0.0).camera, 0.0)
-        self.window.get_render_option().background_color = to_srgb(background.mean(axis=(0, 1))).astype(float)
-        self.window.get_render_option().mesh_show_back_face = True
+        options = self.window.get_render_option()
+        view = self._painter.path.at(0, 0.0)
+        background = self._painter.backdrop.picture(view.camera, 0.0).mean(axis=(0, 1))
+        options.background_color = to_srgb(background).astype(np.float64)
+        options.mesh_show_back_face = True
         self.show(0)
+        control = self.window.get_view_control()
+        control.set_front((-view.camera[9:12]).astype(np.float64))
+        control.set_up(view.camera[6:9].astype(np.float64))
+        control.set_zoom(START_ZOOM)
 
     def step(self, by: int) -> None:
         """Go `by` frames on, round at the ends."""
@@ -296,7 +305,7 @@ class Scrubber:
         first = not self._shown
         for shape in self._shown:
             self.window.remove_geometry(shape, reset_bounding_box=False)
-        geometry = self._painter._draft.geometry(self._frames[index])
+        geometry = self._painter.draft.geometry(self._frames[index])
         self._shown = _shapes(self._open3d, geometry)
         for shape in self._shown:
             self.window.add_geometry(shape, reset_bounding_box=first)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.frame import Frame, Mesh
-from tianim.view.backdrop import Backdrop, Preset, preset_of, stage_array
-from tianim.view.camera import CameraPath, View, camera_array
+from tianim.view.backdrop import Backdrop, Background, Preset, preset_of, stage_array
+from tianim.view.camera import CameraPath, Stand, View, camera_array
 from tianim.view.canvas import SHADOW_SIZE, Canvas, Geometry, Light, Picture
 from tianim.view.draft import Draft
 from tianim.view.look import Look
@@ -27,7 +27,7 @@ MANY = 400_000  # points from which one sample a pixel must do
 
 
 class Painter:
-    """Draws frames of one film by one look."""
+    """Draws frames of one film by one look; `survey`, `path`, `draft` and `backdrop` are what it decided."""
 
     def __init__(self, frames: Frames, look: Look) -> None:
         self._frames, self._look = frames, look
@@ -35,15 +35,17 @@ class Painter:
         self.background = background_for(look, self.survey)
         self._preset: Preset = preset_of(self.background)
         size = (look.width, look.height)
-        self.path = CameraPath(look.camera, self.survey, *size, self._preset.azimuth, self._preset.elevation)
+        stand = Stand(self._preset.azimuth, self._preset.elevation)
+        girth = 0.5 * max((style.size or 0.0 for style in look.parts.values()), default=0.0)
+        self.path = CameraPath(look.camera, self.survey, *size, stand, girth)
         middle = int(self.survey.indices[len(self.survey.indices) // 2]) if len(self.survey.indices) else 0
         typical = self.path.at(middle, self._time(middle))
         # Metres that a pixel covers at the action, were the picture 720 rows high.
         w = typical.distance if typical.camera[PERSPECTIVE] > 0.5 else 1.0
         pixel = w / float(typical.camera[FOCAL]) * look.height / 720.0
-        self._draft = Draft(Styles(look, self._preset, self.survey, pixel), self.survey.flat)
+        self.draft = Draft(Styles(look, self._preset, self.survey, pixel), self.survey.flat)
         self._canvas = Canvas(*size, look.samples or samples_for(self.survey))
-        self._backdrop = Backdrop(self._preset, *size)
+        self.backdrop = Backdrop(self._preset, *size)
         self._shadows = (
             look.shadows if look.shadows is not None else self._preset.shadow + self._preset.corners > 0
         )
@@ -52,7 +54,7 @@ class Painter:
     @property
     def trail(self) -> int:
         """Frames before the present one that a picture wants to see."""
-        return self._draft.trail
+        return self.draft.trail
 
     def picture(self, index: int) -> Picture:
         """The picture (height, width, 3) uint8 of the frame at `index`."""
@@ -62,8 +64,8 @@ class Painter:
     def draw(self, frame: Frame, index: int, earlier: Sequence[Frame] = ()) -> Picture:
         """The picture of `frame`, which is at `index` of the film, with trails through `earlier`."""
         view = self.path.at(index, frame.time)
-        geometry = self._draft.geometry(frame, earlier)
-        background = self._backdrop.picture(view.camera, frame.time)
+        geometry = self.draft.geometry(frame, earlier)
+        background = self.backdrop.picture(view.camera, frame.time)
         return self._canvas.draw(geometry, view.camera, self._light(view, geometry), background)
 
     def _time(self, index: int) -> float:
@@ -93,7 +95,13 @@ class Painter:
         return camera_array(center + toward * 4 * reach, center, SHADOW_SIZE, SHADOW_SIZE, reach, False, up)
 
 
-def background_for(look: Look, found: Survey) -> object:
+def check_look(frame: Frame, look: Look) -> None:
+    """Raise SceneError where `look` names parts or data that `frame` does not have: before a long run."""
+    found = survey([frame])
+    Styles(look, preset_of(background_for(look, found)), found, 1.0)
+
+
+def background_for(look: Look, found: Survey) -> Background:
     """The background: as the look says, or what suits the scene."""
     if look.background != "auto":
         return look.background

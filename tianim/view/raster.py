@@ -26,7 +26,7 @@ CAMERA_SIZE = 17
 EMPTY = 0x7FFFFFFFFFFFFFFF  # key of a sample that shows nothing
 LOW_WORD = 0xFFFFFFFF
 MAX_PIXEL = 1.0e6  # screen coordinates are clamped to it, so that they fit an int32
-MIN_RADIUS = 0.55  # [samples]: a smaller one can fall between sample centres
+MIN_RADIUS = 0.7072  # [samples]: a smaller disc can lie between the sample centres
 MOST_HIDDEN = 0.98  # opacity of one blended item, where its optical depth must stay finite
 
 

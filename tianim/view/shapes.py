@@ -19,7 +19,7 @@ Int = NDArray[np.int32]
 class Shape:
     """Vertices (v, 3), motion (v, 3), tint (v,), triangles (t, 3).
 
-    beat in 1/s, width of the plain stick that stands for it, normals (v, 3) or None where it is flat.
+    beat in 1/s; width of the plain stick that hides as much, seen from anywhere; normals (v, 3) or None where it is flat.
     """
 
     vertices: Float
@@ -74,7 +74,7 @@ def _bird() -> Shape:
         (3, 2, 5),
     ]
     triangles += [(1, 8, 4), (8, 10, 4), (2, 5, 9), (9, 5, 11)]
-    return _shape(rows, triangles, beat=2.6, width=0.22)
+    return _shape(rows, triangles, beat=2.6, width=0.15)
 
 
 def _far_bird() -> Shape:
@@ -90,7 +90,7 @@ def _far_bird() -> Shape:
         (-0.66, 0.1, -0.1, 0.0, 0.34, 0.0, 1.3),
         (0.0, 0.03, -0.2, 0.0, 0.0, 0.0, 1.0),
     ]
-    return _shape(rows, [(0, 1, 2), (0, 3, 8), (4, 6, 8), (5, 8, 7)], beat=2.6, width=0.22)
+    return _shape(rows, [(0, 1, 2), (0, 3, 8), (4, 6, 8), (5, 8, 7)], beat=2.6, width=0.15)
 
 
 def _fish() -> Shape:
@@ -109,7 +109,7 @@ def _fish() -> Shape:
     ]
     triangles = [(0, 1, 3), (0, 3, 2), (1, 5, 3), (3, 5, 6), (3, 6, 2)]
     triangles += [(0, 4, 1), (0, 2, 4), (1, 4, 5), (4, 6, 5), (4, 2, 6), (5, 7, 6), (6, 7, 8), (1, 9, 5)]
-    return _shape(rows, triangles, beat=2.2, width=0.2)
+    return _shape(rows, triangles, beat=2.2, width=0.13)
 
 
 def _near_fish() -> Shape:
@@ -118,7 +118,8 @@ def _near_fish() -> Shape:
     # Along the body from the mouth: place, half height, half width, middle height.
     loft = [
         (0.5, 0.004, 0.004, -0.01), (0.465, 0.03, 0.026, -0.006), (0.4, 0.062, 0.05, 0.0),
-        (0.28, 0.095, 0.07, 0.005), (0.14, 0.112, 0.078, 0.006), (-0.02, 0.1, 0.066, 0.004), (-0.17, 0.066, 0.044, 0.004),
+        (0.28, 0.095, 0.07, 0.005), (0.14, 0.112, 0.078, 0.006), (-0.02, 0.1, 0.066, 0.004),
+        (-0.17, 0.066, 0.044, 0.004),
         (-0.29, 0.034, 0.022, 0.005), (-0.385, 0.02, 0.012, 0.006),
     ]  # fmt: skip
     rows, normals, triangles = [], [], []
@@ -146,7 +147,7 @@ def _near_fish() -> Shape:
         triangles.append((len(rows), len(rows) + 1, len(rows) + 2))
         rows += [(x, y, z, 0.35 * max(0.2 - z, 0.0) ** 2, 0.0, 0.0, 0.6) for x, y, z in fin]
         normals += [(0.0, 0.0, 0.0)] * 3
-    body = _shape(rows, triangles, beat=0.9, width=0.2)
+    body = _shape(rows, triangles, beat=0.9, width=0.13)
     return replace(body, normals=np.array(normals, np.float32))
 
 
@@ -174,7 +175,7 @@ def _bee() -> Shape:
             (0.5 * side, 0.3, -0.24, 0.0, 0.26, 0.0, 2.6),
         ]
         triangles.append((first, first + 1, first + 2))
-    return _shape(rows, triangles, beat=9.0, width=0.4)
+    return _shape(rows, triangles, beat=9.0, width=0.22)
 
 
 def _dart() -> Shape:
@@ -187,7 +188,7 @@ def _dart() -> Shape:
         (0.0, 0.0, -0.3, 0.0, 0.0, 0.0, 0.7),
     ]
     triangles = [(0, 1, 3), (0, 3, 2), (0, 2, 4), (0, 4, 1), (1, 4, 3), (2, 3, 4)]
-    return _shape(rows, triangles, beat=0.0, width=0.26)
+    return _shape(rows, triangles, beat=0.0, width=0.11)
 
 
 def _arrow() -> Shape:
@@ -213,13 +214,14 @@ def heading_quaternion(forward: Float, up: tuple[float, float, float] = (0.0, 1.
     """
     n = len(forward)
     length = np.linalg.norm(forward, axis=1, keepdims=True)
-    z = np.where(length > 1e-12, forward / np.maximum(length, 1e-12), np.float32((0, 0, 1)))
-    x = np.cross(np.broadcast_to(np.float32(up), (n, 3)), z)
+    ahead = np.array((0.0, 0.0, 1.0), np.float32)
+    z = np.where(length > 1e-12, forward / np.maximum(length, 1e-12), ahead).astype(np.float32)
+    x = np.cross(np.broadcast_to(np.array(up, np.float32), (n, 3)), z)
     size = np.linalg.norm(x, axis=1, keepdims=True)
-    spare = np.cross(np.broadcast_to(np.float32((up[2], up[0], up[1])), (n, 3)), z)
-    x = np.where(size > 1e-5, x, spare)
-    x /= np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
-    return _from_axes(x, np.cross(z, x), z)
+    other_up = np.array((up[2], up[0], up[1]), np.float32)
+    x = np.where(size > 1e-5, x, np.cross(np.broadcast_to(other_up, (n, 3)), z))
+    x = (x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+    return _from_axes(x, np.cross(z, x).astype(np.float32), z)
 
 
 def _from_axes(x: Float, y: Float, z: Float) -> Float:

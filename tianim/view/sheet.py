@@ -7,6 +7,7 @@ picture of each run with what was varied.
 from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ def sheet(pictures: Sequence[Picture], labels: Sequence[str], columns: int | Non
     step = cell_height + round(1.7 * size) + GAP
     image = Image.new("RGB", (columns * (cell_width + GAP) + GAP, rows * step + GAP), PAPER)
     draw = ImageDraw.Draw(image)
-    font = ImageFont.load_default(size)
+    font = cast(ImageFont.FreeTypeFont, ImageFont.load_default(size))
     for place, (picture, label) in enumerate(zip(pictures, labels, strict=True)):
         x, y = GAP + place % columns * (cell_width + GAP), GAP + place // columns * step
         small = Image.fromarray(picture).resize((cell_width, cell_height), Image.Resampling.LANCZOS)

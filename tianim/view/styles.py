@@ -32,7 +32,6 @@ RARE = 0.02  # a part of a smaller share of all points is a hunter or a leader: 
 RARE_SCALE = 3.0  # its size over that of the most common points
 ROWS = 2 * colormap.ENTRIES  # rows of the colour table of a part: front, back
 RANGE_PERCENTILES = (2.0, 98.0)
-RANGE_POINTS = 4000  # values looked at in a frame
 LINING = "#e4dccd"  # back of a mesh that is the subject
 
 
@@ -192,8 +191,7 @@ class Styles:
         """Percentiles of the values of a part over the whole film."""
         parts = [part for frame in self._survey.frames for part in frame.parts if part.name == name]
         found = [values_of(part, by, self._survey.flat) for part in parts if can_color_by(part, by)]
-        some = [values[:: max(1, len(values) // RANGE_POINTS)] for values in found]
-        values = np.concatenate(some) if some else np.zeros(0, np.float32)
+        values = np.concatenate(found) if found else np.zeros(0, np.float32)
         values = values[np.isfinite(values)]
         if not len(values):
             return 0.0, 1.0

@@ -43,7 +43,8 @@ class Survey:
     lowest    height of the lowest thing [m]
     loose     the action is points, of which some may stray and need not be framed
     spacing   distance between neighbours by part [m] (median segment length of lines)
-    parts     one example of each part, from the frame in the middle
+    parts     one example of each part, from the frame in the middle where it can be
+    frames    the frames looked at, every part thinned to a few points with their data
     """
 
     indices: NDArray[np.int64]
@@ -64,33 +65,41 @@ class Survey:
 
 def survey(frames: Frames) -> Survey:
     """Look through `frames`; a film of no frames, or of nothing, gives an empty survey."""
-    count = len(frames)
-    first = frames[0] if count else None
-    points = sum(len(part.position) for part in first.parts) if first else 0
-    most = MAX_FRAMES_LARGE if points > LARGE else MAX_FRAMES
-    indices = (
-        np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
-        if count
-        else np.zeros(0, np.int64)
-    )
-    seen = [frames[int(index)] for index in indices]
-    moving = _action_names(seen)
-    action = [_sample([part for part in frame.parts if part.name in moving]) for frame in seen]
-    middle = seen[len(seen) // 2] if seen else None
-    parts = {part.name: part for frame in seen for part in frame.parts}
-    if middle is not None:
-        parts.update({part.name: part for part in middle.parts if len(part.position)})
+    indices = _chosen(frames)
+    parts: dict[str, Part] = {}
+    thinned: list[Frame] = []
+    lowest = float("inf")
+    for place, index in enumerate(indices):
+        frame = frames[int(index)]
+        thinned.append(Frame(frame.index, frame.time, tuple(_thin(part) for part in frame.parts)))
+        for part in frame.parts:
+            good = finite(part.position)
+            lowest = min(lowest, float(good[:, 1].min())) if len(good) else lowest
+            if part.name not in parts or (place <= len(indices) // 2 and len(part.position)):
+                parts[part.name] = part
+    names = _action_names(parts)
+    action = [_joined([p.position for p in frame.parts if p.name in names]) for frame in thinned]
     return Survey(
         indices=indices,
-        times=np.array([frame.time for frame in seen]),
+        times=np.array([frame.time for frame in thinned]),
         action=action,
-        flat=_flat_axis(action),
-        lowest=_lowest(seen),
-        loose=any(isinstance(part, Points) for frame in seen for part in frame.parts if part.name in moving),
+        flat=_flat_axis(_joined(action)),
+        lowest=lowest if np.isfinite(lowest) else 0.0,
+        loose=any(isinstance(parts[name], Points) for name in names),
         spacing={name: _spacing(part) for name, part in parts.items()},
         parts=parts,
-        frames=seen,
+        frames=thinned,
     )
+
+
+def _chosen(frames: Frames) -> NDArray[np.int64]:
+    """Indices of the frames to look at, the first and the last among them."""
+    count = len(frames)
+    if not count:
+        return np.zeros(0, np.int64)
+    points = sum(len(part.position) for part in frames[0].parts)
+    most = MAX_FRAMES_LARGE if points > LARGE else MAX_FRAMES
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
 def finite(position: Float) -> Float:
@@ -99,39 +108,31 @@ def finite(position: Float) -> Float:
     return position if good.all() else position[good]
 
 
-def _action_names(seen: Sequence[Frame]) -> set[str]:
+def _thin(part: Part) -> Points:
+    """At most MAX_POINTS points of a part, evenly by order, so that it is the same ones in each frame."""
+    every = slice(None, None, max(1, -(-len(part.position) // MAX_POINTS)))
+    good = np.isfinite(part.position[every]).all(axis=1)
+    data = {name: np.asarray(values)[every][good] for name, values in part.data.items()}
+    return Points(part.name, part.position[every][good].astype(np.float32), data, part.units)
+
+
+def _action_names(parts: Mapping[str, Part]) -> list[str]:
     """Parts that the camera should frame: points and lines; meshes only where there is nothing else."""
-    names = {part.name for frame in seen for part in frame.parts if isinstance(part, Points | Lines)}
-    names = {name for name in names if any(len(p.position) for f in seen for p in f.parts if p.name == name)}
-    return names or {part.name for frame in seen for part in frame.parts}
+    lively = [n for n, part in parts.items() if isinstance(part, Points | Lines) and len(part.position)]
+    return lively or list(parts)
 
 
-def _sample(parts: Sequence[Part]) -> Float:
-    """At most MAX_POINTS positions, evenly by order, so that it is the same particles in each frame."""
-    whole = [finite(part.position) for part in parts]
-    total = sum(map(len, whole))
-    stride = max(1, -(-total // MAX_POINTS))
-    picked = [position[::stride] for position in whole if len(position)]
-    return np.concatenate(picked).astype(np.float32) if picked else np.zeros((0, 3), np.float32)
+def _joined(positions: Sequence[Float]) -> Float:
+    return np.concatenate(positions) if len(positions) else np.zeros((0, 3), np.float32)
 
 
-def _flat_axis(action: Sequence[Float]) -> int | None:
-    """The axis that the action does not use; z before y, for a plan of few points."""
-    everything = np.concatenate(action) if action else np.zeros((0, 3))
+def _flat_axis(everything: Float) -> int | None:
+    """The one axis that the action does not use."""
     if len(everything) < 2:
         return None
     extent = np.ptp(everything, axis=0)
-    if extent.max() == 0.0:
-        return None
     flat = [axis for axis in (2, 1, 0) if extent[axis] <= FLAT * extent.max()]
     return flat[0] if len(flat) == 1 else None
-
-
-def _lowest(seen: Sequence[Frame]) -> float:
-    heights = [
-        finite(part.position)[:, 1].min() for f in seen for part in f.parts if len(finite(part.position))
-    ]
-    return float(min(heights)) if heights else 0.0
 
 
 def _spacing(part: Part) -> float:

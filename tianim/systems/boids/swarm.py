@@ -39,8 +39,11 @@ class Swarm:
         lower, upper = np.array([bounds.lower, bounds.upper], np.float32)[:, axes]
         inside = position.copy()
         if bounds.kind == "periodic":
-            wrapped = lower + np.mod(position[:, axes] - lower, upper - lower)
-            inside[:, axes] = np.where(wrapped < upper, wrapped, lower)
+            given = position[:, axes]
+            wrapped = lower + np.mod(given - lower, upper - lower)
+            wrapped = np.where(wrapped < upper, wrapped, lower)
+            # What is inside stays to the bit, so that setting what was read changes nothing.
+            inside[:, axes] = np.where((given >= lower) & (given < upper), given, wrapped)
         else:
             inside[:, axes] = np.clip(position[:, axes], lower, upper)
         return inside

@@ -55,7 +55,11 @@ class Boids(Swarm):
         self._place()
         now = params.at(0.0)
         self.grid = NeighborGrid(
-            self.count, params.dimension, world.bounds, largest_radius(now, world.bounds), tagged=len(self.names) > 1
+            self.count,
+            params.dimension,
+            world.bounds,
+            largest_radius(now, world.bounds),
+            tagged=len(self.names) > 1,
         )
         self.behaviours = BehaviourTables(params, world.bounds, world.bodies)
         first_id, counts = self.behaviours.first_id, self.behaviours.counts

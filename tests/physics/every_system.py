@@ -1,0 +1,122 @@
+"""A small valid example of every kind of system, and digests of short runs, here or in another process.
+
+python every_system.py THREADS          prints {"kind-example": digest, ...}
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tianim.spatial.bodies import Bodies
+from tianim.system import Bounds, World
+from tianim.systems import SYSTEMS
+
+OPEN = Bounds()
+STEPS = 12
+
+
+@dataclass(frozen=True)
+class Example:
+    """Parameters as a scene file has them, and the bounds around; `count` is the field that says how many."""
+
+    params: Mapping[str, Any]
+    bounds: Bounds = OPEN
+    count: str = "count"
+    note: str = "minimal"
+
+
+_BOX = {"kind": "box", "size": (8.0, 8.0, 8.0)}
+_HUNTED: dict[str, Any] = {
+    "count": 1500,
+    "start": _BOX,
+    "neighbourhood": {"kind": "topological", "k": 7},
+    "separation": {"radius": 1.0, "field_of_view": 250.0},
+    "behaviours": (
+        {"kind": "wander", "weight": 2.0},
+        {"kind": "evasion", "target": {"kind": "species", "name": "hunters"}},
+        {"kind": "containment", "size": 5.0},
+    ),
+    "species": {
+        "hunters": {
+            "count": 3,
+            "behaviours": ({"kind": "pursuit", "target": {"kind": "species", "name": "flock"}},),
+        }
+    },
+}
+EXAMPLES: dict[str, tuple[Example, ...]] = {
+    "boids": (
+        Example({"count": 1500, "start": _BOX}),
+        Example(_HUNTED, note="hunted"),
+        Example(
+            {"count": 1500, "start": _BOX, "dimension": 2},
+            Bounds("periodic", (-4.0,) * 3, (4.0,) * 3),
+            note="periodic, in two dimensions",
+        ),
+    ),
+    "couzin": (Example({"count": 1500, "start": {"kind": "ball", "radius": 15.0}}),),
+    "vicsek": (Example({"count": 1500}, Bounds("periodic", (0.0,) * 3, (12.0, 12.0, 1.0))),),
+}
+
+
+def examples_of(kind: str) -> tuple[Example, ...]:
+    """Its examples; says what to do for a kind that has none."""
+    if kind not in EXAMPLES:
+        raise KeyError(
+            f"system kind {kind!r} has no example: add its smallest valid parameters to EXAMPLES "
+            f"in {__file__}, and every test of this suite runs on it"
+        )
+    return EXAMPLES[kind]
+
+
+def make(
+    kind: str,
+    example: Example,
+    seed: int = 1,
+    fields: frozenset[str] | None = None,
+    more: Mapping[str, Any] | None = None,
+) -> Any:
+    """The system of an example at its start; `more` replaces parameters."""
+    params = SYSTEMS[kind].params.model_validate({"kind": kind, **example.params, **(more or {})})
+    world = World(example.bounds, Bodies({}), seed, fields)
+    return SYSTEMS[kind].system("one", params, world)
+
+
+def run(system: Any, steps: int = STEPS, first: int = 0) -> Any:
+    """The system, so many steps on, each as long as it may be."""
+    for step in range(first, first + steps):
+        dt = system.max_step()
+        system.step(step * dt, dt)
+    return system
+
+
+def digest(system: Any) -> str:
+    """Hash of all its state, storage order included, and of what it shows."""
+    total = hashlib.blake2b()
+    for name, array in sorted(system.state().items()):
+        total.update(name.encode() + np.ascontiguousarray(array).tobytes())
+    for part in system.snapshot():
+        total.update(part.position.tobytes())
+        for name, values in sorted(part.data.items()):
+            total.update(name.encode() + np.ascontiguousarray(values).tobytes())
+    return total.hexdigest()
+
+
+def digests() -> dict[str, str]:
+    """Of every example after STEPS steps."""
+    return {
+        f"{kind}-{k}": digest(run(make(kind, example)))
+        for kind in SYSTEMS
+        for k, example in enumerate(EXAMPLES.get(kind, ()))
+    }
+
+
+if __name__ == "__main__":
+    from tianim import runtime
+
+    runtime.start(threads=int(sys.argv[1]))
+    print(json.dumps(digests()))  # noqa: T201  (its output is its result)

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 import tianim
-from tianim.view import render_run
+from tianim.view.render import render_run
 
 FRONT_SPEED = 25.0  # [m/s]
-FRONT_WIDTH = 6.0  # [m]
-GUST = np.array([0.0, 9.0, 14.0])  # acceleration within the front [m/s2]
-FRONT_START = -110.0  # where the front is at time 0 [m]
+FRONT_WIDTH = 4.0  # [m]
+GUST = np.array([0.0, 40.0, 10.0])  # acceleration within the front [m/s2]
+FRONT_START = -75.0  # where the front is at time 0 [m]
 
 
 def gust(time, position, velocity):
@@ -28,11 +28,11 @@ def gust(time, position, velocity):
 
 
 def main() -> None:
-    """Simulate 150 frames of 8,000 birds and draw them."""
+    """Simulate 4 seconds of 8,000 birds and draw them."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/gust")
     tianim.start()
     scene = tianim.load_scene(
-        "configs/murmuration.yaml", ["boids.count=8000", "boids.start.radius=12", "duration=6"]
+        "configs/murmuration.yaml", ["boids.count=8000", "boids.start.radius=12", "duration=4"]
     )
     simulation = tianim.build(scene)
     birds = simulation["boids"]

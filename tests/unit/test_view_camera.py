@@ -5,7 +5,7 @@ import pytest
 from view_scenes import Film, cloud, cube, flock, strand
 
 from tianim.frame import Frame, Points
-from tianim.view import raster
+from tianim.view import layout
 from tianim.view.look import Look
 from tianim.view.painter import Painter
 from tianim.view.survey import survey
@@ -23,11 +23,11 @@ def path(film, **camera):
 def projected(camera, points):
     """Screen positions of world points, as the kernels project them."""
     seen = (np.asarray(points, float) - camera[:3]) @ camera[3:12].reshape(3, 3).T
-    w = seen[:, 2] if camera[raster.PERSPECTIVE] else np.ones(len(seen))
+    w = seen[:, 2] if camera[layout.PERSPECTIVE] else np.ones(len(seen))
     return np.stack(
         [
-            0.5 * WIDTH + camera[raster.FOCAL] * seen[:, 0] / w,
-            0.5 * HEIGHT - camera[raster.FOCAL] * seen[:, 1] / w,
+            0.5 * WIDTH + camera[layout.FOCAL] * seen[:, 0] / w,
+            0.5 * HEIGHT - camera[layout.FOCAL] * seen[:, 1] / w,
         ],
         1,
     )
@@ -41,7 +41,7 @@ def extent(camera, points):
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
 @pytest.mark.parametrize("count", [50, 3000])
-def test_the_action_fills_its_share_and_lies_in_the_middle(scale, count):
+def test_the_action_fills_its_share_and_lies_in_the_middle(scale, count) -> None:
     points = cloud(count) * np.float32(scale) + np.float32(30 * scale)
     film = Film(5, lambda index, time: (Points("cloud", points),))
     size, middle = extent(path(film).at(2, 0.1).camera, points)
@@ -49,14 +49,14 @@ def test_the_action_fills_its_share_and_lies_in_the_middle(scale, count):
     np.testing.assert_allclose(middle, 0.5, atol=0.06)
 
 
-def test_a_wide_action_fits_the_width():
+def test_a_wide_action_fits_the_width() -> None:
     points = cloud(500) * np.array([9, 0.3, 9], np.float32)
     film = Film(3, lambda index, time: (Points("cloud", points),))
     size, _ = extent(path(film).at(1, 0.0).camera, points)
     assert 0.5 < size[0] < 0.9
 
 
-def test_strays_do_not_move_the_camera():
+def test_strays_do_not_move_the_camera() -> None:
     points = cloud(400)
     strayed = points.copy()
     strayed[:3] = 1e4
@@ -67,7 +67,7 @@ def test_strays_do_not_move_the_camera():
     assert np.abs(cameras[0][:3] - cameras[1][:3]).max() < 1.0
 
 
-def test_a_moving_flock_stays_in_the_picture_to_the_end():
+def test_a_moving_flock_stays_in_the_picture_to_the_end() -> None:
     film = Film(200, flock(300, drift=(15, 0, -4)))
     for index in (0, 60, 199):
         view = path(film).at(index, film[index].time)
@@ -76,7 +76,7 @@ def test_a_moving_flock_stays_in_the_picture_to_the_end():
         assert 0.35 < size[1] < 0.75
 
 
-def test_the_camera_does_not_jitter():
+def test_the_camera_does_not_jitter() -> None:
     rng = np.random.default_rng(3)
     noise = rng.normal(size=(120, 3)).astype(np.float32)  # the whole flock jumps about by half its radius
 
@@ -90,7 +90,7 @@ def test_the_camera_does_not_jitter():
     assert np.abs(np.diff(eyes, n=2, axis=0)).max() < JITTER * 20 * views[0].distance
 
 
-def test_the_camera_goes_round_by_the_orbit_asked_for():
+def test_the_camera_goes_round_by_the_orbit_asked_for() -> None:
     film = Film(61, flock(300))
     along = path(film, orbit=90.0)
     backs = [-along.at(index, 0.0).camera[9:12][[0, 2]] for index in (0, 60)]
@@ -98,21 +98,21 @@ def test_the_camera_goes_round_by_the_orbit_asked_for():
     assert angle == pytest.approx(90, abs=0.5)
 
 
-def test_the_horizon_is_level():
+def test_the_horizon_is_level() -> None:
     camera = path(Film(3, flock(100))).at(1, 0.0).camera
     assert camera[4] == pytest.approx(0, abs=1e-6)  # `right` has no height
     assert camera[7] > 0
 
 
 @pytest.mark.parametrize(("axis", "right", "up"), [(2, (1, 0, 0), (0, 1, 0)), (1, (1, 0, 0), (0, 0, -1))])
-def test_a_flat_scene_gets_a_plan_that_stands_still(axis, right, up):
+def test_a_flat_scene_gets_a_plan_that_stands_still(axis, right, up) -> None:
     def make(index, time):
         return (Points("cloud", cloud(200, flat=axis) + np.float32(index * 0.01) * (1 - np.eye(3)[axis])),)
 
     film = Film(50, lambda index, time: (Points("c", make(index, time)[0].position.astype(np.float32)),))
     along = path(film)
     first, last = along.at(0, 0.0).camera, along.at(49, 1.6).camera
-    assert first[raster.PERSPECTIVE] == 0
+    assert first[layout.PERSPECTIVE] == 0
     np.testing.assert_allclose(first[3:6], right, atol=1e-6)
     np.testing.assert_allclose(first[6:9], up, atol=1e-6)
     np.testing.assert_allclose(first, last)
@@ -122,33 +122,33 @@ def test_a_flat_scene_gets_a_plan_that_stands_still(axis, right, up):
     assert (corners <= (WIDTH, HEIGHT)).all()
 
 
-def test_a_fixed_camera_is_where_it_was_put():
+def test_a_fixed_camera_is_where_it_was_put() -> None:
     along = path(Film(9, flock(100)), position=(3.0, 4.0, 5.0), target=(0.0, 1.0, 0.0))
     camera = along.at(4, 0.1).camera
     np.testing.assert_allclose(camera[:3], [3, 4, 5], rtol=1e-6)
     np.testing.assert_allclose(projected(camera, [[0, 1, 0]]), [[WIDTH / 2, HEIGHT / 2]], atol=1e-3)
 
 
-def test_a_keyframed_camera_moves():
+def test_a_keyframed_camera_moves() -> None:
     keys = {"keys": [[0.0, [0.0, 0.0, 10.0]], [1.0, [0.0, 0.0, 20.0]]]}
     along = path(Film(31, flock(100)), position=keys, target=(0.0, 0.0, 0.0))
     assert along.at(15, 0.5).camera[2] == pytest.approx(15)
 
 
-def test_an_orthographic_camera_shows_the_same_at_any_depth():
+def test_an_orthographic_camera_shows_the_same_at_any_depth() -> None:
     camera = path(Film(3, flock(300)), projection="orthographic").at(1, 0.0).camera
     at, far = projected(camera, [[1, 0, 0], np.array([1, 0, 0]) + 3 * camera[9:12]])
     np.testing.assert_allclose(at, far, atol=1e-2)
 
 
-def test_meshes_alone_are_framed_whole():
+def test_meshes_alone_are_framed_whole() -> None:
     film = Film(2, lambda index, time: (cube(2.0),))
     shown = projected(path(film).at(0, 0.0).camera, cube(2.0).position)
     assert (shown > 0).all()
     assert (shown < (WIDTH, HEIGHT)).all()
 
 
-def test_bodies_do_not_draw_the_camera_away_from_the_flock():
+def test_bodies_do_not_draw_the_camera_away_from_the_flock() -> None:
     points = cloud(300)
     films = [
         Film(2, lambda index, time, more=more: (Points("boids", points), *more))
@@ -161,26 +161,26 @@ def test_bodies_do_not_draw_the_camera_away_from_the_flock():
 @pytest.mark.parametrize(
     "parts", [(), (Points("none", np.zeros((0, 3), np.float32)),)], ids=["bare", "empty"]
 )
-def test_films_of_nothing_have_a_camera(parts):
+def test_films_of_nothing_have_a_camera(parts) -> None:
     for count in (0, 1, 3):
         view = path(Film(count, lambda index, time: parts)).at(0, 0.0)
         assert np.isfinite(view.camera).all()
         assert view.distance > 0
 
 
-def test_coincident_points_have_a_camera():
+def test_coincident_points_have_a_camera() -> None:
     film = Film(2, lambda index, time: (Points("same", np.ones((9, 3), np.float32)),))
     assert np.isfinite(path(film).at(0, 0.0).camera).all()
 
 
-def test_the_survey_reads_few_frames():
+def test_the_survey_reads_few_frames() -> None:
     film = Film(5000, flock(50))
     found = survey(film)
     assert film.asked < 60
     assert (found.indices[0], found.indices[-1]) == (0, 4999)
 
 
-def test_the_survey_keeps_the_same_particles():
+def test_the_survey_keeps_the_same_particles() -> None:
     film = Film(10, flock(9000))
     found = survey(film)
     ids = [frame.parts[0].data["id"] for frame in found.frames]
@@ -188,7 +188,7 @@ def test_the_survey_keeps_the_same_particles():
     assert all((each == ids[0]).all() for each in ids)
 
 
-def test_spacing_is_that_of_neighbours_and_segments():
+def test_spacing_is_that_of_neighbours_and_segments() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), -1).reshape(-1, 3).astype(np.float32) * 0.5
     frame = Frame(0, 0.0, (Points("grid", grid), strand(5)))
     spacing = survey([frame]).spacing
@@ -196,6 +196,6 @@ def test_spacing_is_that_of_neighbours_and_segments():
     assert spacing["rope"] == pytest.approx(0.5)
 
 
-def test_the_lowest_thing_makes_the_floor():
+def test_the_lowest_thing_makes_the_floor() -> None:
     frame = Frame(0, 0.0, (Points("cloud", cloud(50)), cube(2.0, (0, -5, 0))))
     assert survey([frame]).lowest == pytest.approx(-6)

@@ -42,14 +42,14 @@ def one_line(error):
     return "\n" not in str(error.value) and str(error.value)
 
 
-def test_a_missing_package_is_named(monkeypatch):
+def test_a_missing_package_is_named(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(MissingPartError) as caught:
         load()
     assert "pip install open3d" in one_line(caught)
 
 
-def test_a_missing_system_library_is_named_with_what_installs_it(fake_module):
+def test_a_missing_system_library_is_named_with_what_installs_it(fake_module) -> None:
     fake_module(
         "raise ImportError('libusb-1.0.so.0: cannot open shared object file: No such file or directory')"
     )
@@ -61,7 +61,7 @@ def test_a_missing_system_library_is_named_with_what_installs_it(fake_module):
     assert "libusb-1.0-0" in line
 
 
-def test_the_window_needs_a_display(fake_module, monkeypatch):
+def test_the_window_needs_a_display(fake_module, monkeypatch) -> None:
     fake_module("")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -90,7 +90,7 @@ def answers(monkeypatch, code, stderr=""):
         (1, "", ["exit code 1"]),
     ],
 )
-def test_the_probe_says_in_one_line_why_not(monkeypatch, code, stderr, words):
+def test_the_probe_says_in_one_line_why_not(monkeypatch, code, stderr, words) -> None:
     answers(monkeypatch, code, stderr)
     found = probe()
     open3d_view.probe.cache_clear()
@@ -100,13 +100,13 @@ def test_the_probe_says_in_one_line_why_not(monkeypatch, code, stderr, words):
     assert all(word in found.reason for word in words)
 
 
-def test_the_probe_tells_when_it_works(monkeypatch):
+def test_the_probe_tells_when_it_works(monkeypatch) -> None:
     answers(monkeypatch, 0)
     assert probe().usable
     open3d_view.probe.cache_clear()
 
 
-def test_the_probe_does_not_wait_for_ever(monkeypatch):
+def test_the_probe_does_not_wait_for_ever(monkeypatch) -> None:
     def hangs(*_, **__):
         raise subprocess.TimeoutExpired("open3d", 1)
 
@@ -129,7 +129,7 @@ def test_the_probe_does_not_wait_for_ever(monkeypatch):
         ),
     ],
 )
-def test_the_chosen_renderer_is_said(monkeypatch, parts, usable, chosen, line):
+def test_the_chosen_renderer_is_said(monkeypatch, parts, usable, chosen, line) -> None:
     monkeypatch.setattr(open3d_view, "probe", lambda: Probe(usable, "no Vulkan"))
     said = []
     painter = choose_painter(Film(1, lambda index, time: parts), SMALL, said.append)
@@ -137,7 +137,7 @@ def test_the_chosen_renderer_is_said(monkeypatch, parts, usable, chosen, line):
     assert said == [line]
 
 
-def test_open3d_is_never_tried_unasked(monkeypatch):
+def test_open3d_is_never_tried_unasked(monkeypatch) -> None:
     monkeypatch.setattr(open3d_view, "probe", lambda: pytest.fail("probed"))
     assert type(choose_painter(Film(1, lambda index, time: (cube(),)), Look(), print_nothing)) is Painter
 
@@ -146,7 +146,7 @@ def print_nothing(line):
     assert line == "renderer: splat"
 
 
-def test_edges_of_a_cube_are_sharp():
+def test_edges_of_a_cube_are_sharp() -> None:
     painter = Painter(Film(1, lambda index, time: (cube(),)), Look(width=64, height=36))
     mesh = painter.draft.geometry(Film(1, lambda index, time: (cube(),))[0]).triangles
     normals = corner_normals(mesh)
@@ -156,7 +156,7 @@ def test_edges_of_a_cube_are_sharp():
 
 
 @pytest.mark.slow
-def test_open3d_draws_where_it_works():
+def test_open3d_draws_where_it_works() -> None:
     """In a process of its own: a second renderer, or a missing driver, would end this one."""
     if not probe().usable:
         pytest.skip(probe().reason)
@@ -173,7 +173,8 @@ def test_open3d_draws_where_it_works():
     )
     path = os.pathsep.join([os.path.dirname(__file__), *filter(None, sys.path)])
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, env={**os.environ, "PYTHONPATH": path}
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120,
+        env={**os.environ, "PYTHONPATH": path},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""

@@ -37,7 +37,7 @@ def subject(shown, **fields):
 
 
 @pytest.mark.parametrize("preset", ["dusk", "night", "studio", "water", "paper", ("#102030", "#d0e0f0")])
-def test_every_background_shows_every_kind_of_part(preset):
+def test_every_background_shows_every_kind_of_part(preset) -> None:
     points, mesh, lines = flock(40)(0, 0.0)[0], cube(0.8), strand()
     for part in (points, mesh, lines):
         shown = Painter(one(part), look(background=preset)).picture(0)
@@ -47,20 +47,20 @@ def test_every_background_shows_every_kind_of_part(preset):
 
 
 @pytest.mark.parametrize("kind", ["spheres", "darts", "birds", "fish", "bees", "arrows", "glow"])
-def test_every_kind_of_point_is_seen(kind):
+def test_every_kind_of_point_is_seen(kind) -> None:
     points = flock(20)(0, 0.0)[0]
     fields = {"background": "night", "parts": {"boids": {"kind": kind, "size": 0.4, "color": "#ffffff"}}}
     shown = picture(points, **fields)
     assert subject(shown, background="night").sum() > 60
 
 
-def test_two_draws_are_the_same_bytes():
+def test_two_draws_are_the_same_bytes() -> None:
     painters = [Painter(Film(4, flock(2000)), look(background="studio")) for _ in range(2)]
     first, second = (painter.picture(2) for painter in painters)
     assert (first == second).all()
 
 
-def test_the_order_of_points_does_not_show():
+def test_the_order_of_points_does_not_show() -> None:
     points = flock(500)(0, 0.0)[0]
     turned = Points("boids", points.position[::-1].copy(), {"velocity": points.data["velocity"][::-1].copy()})
     style = {"background": "night", "parts": {"boids": {"kind": "spheres", "size": 0.2}}}
@@ -68,7 +68,7 @@ def test_the_order_of_points_does_not_show():
     assert same.mean() > 0.999  # a sample where two spheres cut each other may go either way
 
 
-def test_empty_frames_show_the_background():
+def test_empty_frames_show_the_background() -> None:
     nothing = Points("boids", np.zeros((0, 3), np.float32), {"velocity": np.zeros((0, 3), np.float32)})
     no_mesh = Mesh("cloth", np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
     no_lines = Lines("rope", np.zeros((0, 3), np.float32), np.zeros((0, 2), np.int32))
@@ -76,14 +76,14 @@ def test_empty_frames_show_the_background():
     assert (picture(nothing, no_mesh, no_lines, background="night") == bare).all()
 
 
-def test_a_single_point_is_drawn_in_the_middle():
+def test_a_single_point_is_drawn_in_the_middle() -> None:
     point = Points("one", np.array([[7, 8, 9]], np.float32))
     seen = subject(picture(point, background="night"), background="night")
     rows, columns = np.nonzero(seen)
     assert (abs(rows.mean() - 44.5), abs(columns.mean() - 79.5)) < (2, 2)
 
 
-def test_points_that_are_not_finite_are_left_out():
+def test_points_that_are_not_finite_are_left_out() -> None:
     points = flock(50)(0, 0.0)[0]
     broken = points.position.copy()
     broken[3], broken[4] = np.nan, np.inf
@@ -96,7 +96,7 @@ def test_points_that_are_not_finite_are_left_out():
     assert (shown == picture(without, parts=style, **fixed)).all()
 
 
-def test_light_comes_from_the_upper_left():
+def test_light_comes_from_the_upper_left() -> None:
     ball = Points("ball", np.zeros((1, 3), np.float32))
     style = {"ball": {"kind": "spheres", "size": 1, "color": "#808080"}}
     fields = {"background": "studio", "shadows": False, "camera": {"elevation": 0}}
@@ -105,7 +105,7 @@ def test_light_comes_from_the_upper_left():
     assert upper_left > 1.25 * lower_right
 
 
-def test_a_cube_throws_a_shadow_on_the_floor_and_only_when_asked():
+def test_a_cube_throws_a_shadow_on_the_floor_and_only_when_asked() -> None:
     fields = {"background": "studio", "camera": {"elevation": 25, "azimuth": 20}}
     lit, shaded = (picture(cube(1, (0, 0.5, 0)), shadows=on, **fields) for on in (False, True))
     floor = ~subject(lit, background="studio", shadows=False, camera=fields["camera"])
@@ -114,7 +114,7 @@ def test_a_cube_throws_a_shadow_on_the_floor_and_only_when_asked():
     assert (darker[floor] < 3).mean() > 0.5
 
 
-def test_faces_of_a_cube_catch_the_light_differently():
+def test_faces_of_a_cube_catch_the_light_differently() -> None:
     camera = {"elevation": 30, "azimuth": 35}
     fields = {"background": "studio", "shadows": False, "fog": 0.0, "camera": camera}
     shown = picture(cube(), parts={"cube": {"color": "#999999"}}, **fields)[..., 1]
@@ -122,7 +122,7 @@ def test_faces_of_a_cube_catch_the_light_differently():
     assert top > left + 8 > right + 30
 
 
-def test_the_back_of_a_mesh_has_its_own_colour():
+def test_the_back_of_a_mesh_has_its_own_colour() -> None:
     sheet = Mesh(
         "sheet", np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], np.float32), np.array([[0, 1, 2]], np.int32)
     )
@@ -135,7 +135,7 @@ def test_the_back_of_a_mesh_has_its_own_colour():
     assert back[45, 80, 2] > 2 * back[45, 80, 0]
 
 
-def test_fog_fades_the_far_into_the_background():
+def test_fog_fades_the_far_into_the_background() -> None:
     position = np.array([[-1, 0, 3], [1, 0, -3]], np.float32)
     pair = Points("pair", position)
     style = {"pair": {"kind": "spheres", "size": 1.2, "color": "#ffffff"}}
@@ -149,7 +149,7 @@ def test_fog_fades_the_far_into_the_background():
     assert change[:, :80].max() < 0.35 * change[:, 80:].max()
 
 
-def test_colours_follow_the_data_over_a_fixed_range():
+def test_colours_follow_the_data_over_a_fixed_range() -> None:
     position = np.array([[-2, 0, 0], [0, 0, 0], [2, 0, 0]], np.float32)
     heat = np.array([0, 5, 10], np.float32)
     style = {"kind": "spheres", "size": 1, "color": {"by": "heat", "map": "viridis", "range": [0, 10]}}
@@ -168,7 +168,7 @@ def test_colours_follow_the_data_over_a_fixed_range():
         assert np.corrcoef(hue, to_srgb(expected))[0, 1] > 0.9
 
 
-def test_opacity_lets_the_background_through():
+def test_opacity_lets_the_background_through() -> None:
     ball = Points("ball", np.zeros((1, 3), np.float32))
     style = {"kind": "spheres", "size": 1, "color": "#000000"}
     fields = {"background": ("#808080", "#808080"), "shadows": False, "fog": 0.0}
@@ -177,7 +177,7 @@ def test_opacity_lets_the_background_through():
     np.testing.assert_allclose(shown, expected, atol=3)
 
 
-def test_trails_lie_behind_the_points():
+def test_trails_lie_behind_the_points() -> None:
     def make(index, time):
         return (Points("dot", np.array([[index * 0.5, 0, 0]], np.float32)), cube(0.01, (2.5, 0, 0), "mark"))
 
@@ -203,7 +203,7 @@ def test_trails_lie_behind_the_points():
     assert columns.max() < dot_column + 6
 
 
-def test_background_is_chosen_from_the_scene():
+def test_background_is_chosen_from_the_scene() -> None:
     assert Painter(one(cube()), look()).background == "studio"
     assert Painter(Film(2, flock(30)), look()).background == "dusk"
     assert Painter(Film(2, flock(30, flat=2)), look()).background == "paper"
@@ -217,7 +217,7 @@ def test_background_is_chosen_from_the_scene():
         ({"parts": {"boids": {"kind": "mesh"}}}, ["mesh", "points"]),
     ],
 )
-def test_a_look_that_does_not_fit_the_frame_says_so(fields, words):
+def test_a_look_that_does_not_fit_the_frame_says_so(fields, words) -> None:
     frame = Frame(0, 0.0, flock(5)(0, 0.0))
     with pytest.raises(SceneError) as caught:
         check_look(frame, look(**fields))
@@ -226,7 +226,7 @@ def test_a_look_that_does_not_fit_the_frame_says_so(fields, words):
     assert all(word in message for word in words)
 
 
-def test_encoding_is_that_of_srgb_and_rises_to_white():
+def test_encoding_is_that_of_srgb_and_rises_to_white() -> None:
     values = encoding_table(4096, 1024.0)
     light = (np.arange(4096) / 1024.0) ** 2
     assert (np.diff(values) >= 0).all()
@@ -236,7 +236,7 @@ def test_encoding_is_that_of_srgb_and_rises_to_white():
 
 
 @pytest.mark.parametrize("kind", ["darts", "birds", "fish", "bees"])
-def test_sticks_hide_as_much_as_the_shapes_that_they_stand_for(kind, monkeypatch):
+def test_sticks_hide_as_much_as_the_shapes_that_they_stand_for(kind, monkeypatch) -> None:
     """Darts that are too small or too many are drawn as sticks: a flock must not change its tone by that."""
     rng = np.random.default_rng(0)
     position, velocity = (rng.normal(size=(1500, 3)).astype(np.float32) for _ in range(2))
@@ -251,7 +251,7 @@ def test_sticks_hide_as_much_as_the_shapes_that_they_stand_for(kind, monkeypatch
     assert hidden[1] == pytest.approx(hidden[0], rel=STICK_TOLERANCE)
 
 
-def test_a_cloud_is_not_cut_by_the_picture():
+def test_a_cloud_is_not_cut_by_the_picture() -> None:
     shown = picture(Points("cloud", cloud(2000)), background="night")
     seen = subject(shown, background="night")
     rows = np.nonzero(seen.any(axis=1))[0]

@@ -18,10 +18,10 @@ by a long branchless loop. Copying each particle 9 times instead of 27 (a gather
 and scanning one run instead of 9 is what makes it fast: at 20 neighbours of 131 candidates in 3D,
 NN ns a particle against NN for 9 separate runs and NN for a gather a cell (2 cores, one run).
 
-*Exactness.* In a periodic box images are made by subtracting the box length from the upper
-cells, never by adding it to the lower ones: exact in float32 for a box that starts at zero
-(Sterbenz), so that pairs at r (1 - 1e-6) and r (1 + 1e-6) fall on the right side across the seam
-too. In a box round the origin it errs by at most half a float32 step of the length, 6e-8 L.
+*Exactness.* Differences of near coordinates are exact in float32 (Sterbenz), so that pairs at
+r (1 - 1e-6) and r (1 + 1e-6) fall on the right side wherever they are. Coordinates that differ by
+the length of a periodic box are not near: where a tube meets the seam, cells at the upper side
+are held relative to it and cells at the lower side relative to that, which is exact too.
 
 A kernel that walks:
 
@@ -58,7 +58,7 @@ PAGE_OF_CANDIDATES = 4096
 
 # Entries of the two small arrays that describe a grid to kernels.
 NX, NY, NZ, COUNT, TASKS, STRIDE, CAPACITY, PERIODIC = range(8)
-LOWER, INVERSE, LENGTH = 0, 3, 6  # each three floats
+LOWER, INVERSE, LOW_SIDE, HIGH_SIDE = 0, 3, 6, 9  # each three floats
 
 
 @ti.func
@@ -135,7 +135,7 @@ def largest_tube(dimension: ti.template(), shape: i32_1d, start: i32_1d) -> ti.i
         for dz in range(ti.static(-1 if dimension == 3 else 0), ti.static(2 if dimension == 3 else 1)):
             for dy in range(-1, 2):
                 first = (((cz + dz + nz) % nz) * ny + (cy + dy + ny) % ny) * nx
-                total += start[first + nx] - start[first] + start[first + nx] - start[first + nx - 2]
+                total += 2 * start[first + nx] - start[first + nx - 2] + start[first + 2] - 2 * start[first]
         ti.atomic_max(largest, total)
     return largest
 
@@ -176,9 +176,10 @@ def gather_tube(
 ):
     """Copy the row of cells and its neighbour rows into scratch, slice by slice along x.
 
-    Slice s holds column s - 2 (modulo the columns), so that slices 1 to n_x are the row's cells,
-    each with both neighbours; in a slice the row's own cell comes first. scratch[0:3] is the
-    position, [3:6] the velocity, [6] the tag; offset[t, s] is where slice s starts.
+    Slices 0 to 3 hold the columns n_x - 2, n_x - 1, 0, 1, which meet at the seam, and the slices
+    from 4 on all columns; `slice_of` says which one has a column with both its neighbours. In a
+    slice the row's own cell comes first. scratch[0:3] is the position, [3:6] the velocity, [6] the
+    tag; offset[t, s] is where slice s starts.
     """
     nx, ny, nz = shape[NX], shape[NY], shape[NZ]
     cy, cz = row % ny, row // ny
@@ -187,13 +188,16 @@ def gather_tube(
     if ti.static(dimension == 3) and cz == nz - 1:
         cz = -1
     m = t * shape[CAPACITY]
-    for s in range(nx + 2):
+    for s in range(nx + 4):
         offset[t, s] = m
-        column = s - 2
+        column = s - 4
         shift_x = 0.0
-        if column < 0:
-            column += nx
-            shift_x = geometry[LENGTH]
+        if s < 2:
+            column = nx - 2 + s
+            shift_x = geometry[HIGH_SIDE]
+        elif s < 4:
+            column = s - 2
+            shift_x = geometry[LOW_SIDE]
         for k in range(ti.static(9 if dimension == 3 else 3)):
             yy, zz = cy, cz
             if ti.static(dimension == 3):
@@ -205,10 +209,15 @@ def gather_tube(
             shift_y, shift_z = 0.0, 0.0
             if yy < 0:
                 yy += ny
-                shift_y = geometry[LENGTH + 1]
-            if ti.static(dimension == 3) and zz < 0:
-                zz += nz
-                shift_z = geometry[LENGTH + 2]
+                shift_y = geometry[HIGH_SIDE + 1]
+            elif cy <= 0:
+                shift_y = geometry[LOW_SIDE + 1]
+            if ti.static(dimension == 3):
+                if zz < 0:
+                    zz += nz
+                    shift_z = geometry[HIGH_SIDE + 2]
+                elif cz <= 0:
+                    shift_z = geometry[LOW_SIDE + 2]
             c = (zz * ny + yy) * nx + column
             begin, end = start[c], start[c + 1]
             move = m - begin
@@ -223,9 +232,20 @@ def gather_tube(
                 if ti.static(tagged):
                     scratch[6, j + move] = ti.cast(tag[0, j], ti.f32)
             m += end - begin
-    offset[t, nx + 2] = m
+    offset[t, nx + 4] = m
     for k in range(LANES):
         scratch[0, m + k] = FAR
+
+
+@ti.func
+def slice_of(column, nx):
+    """The slice of a tube that holds a column between both its neighbours."""
+    s = column + 4
+    if column == 0:
+        s = 2
+    if column == nx - 1:
+        s = 1
+    return s
 
 
 @ti.func
@@ -264,7 +284,7 @@ class NeighborGrid:
         self.cell = ti.ndarray(ti.i32, staggered(count))
         self.destination = ti.ndarray(ti.i32, staggered(count))
         self.shape = ti.ndarray(ti.i32, 8)
-        self.geometry = ti.ndarray(ti.f32, 9)
+        self.geometry = ti.ndarray(ti.f32, 12)
         self._cells = 0
         self._columns = 0
         self._capacity = 0
@@ -275,46 +295,46 @@ class NeighborGrid:
         if radius == self.radius:
             return
         self.radius = radius
-        cells, lower, size, length = self._cut(radius)
+        cells, lower, size = self._cut(radius)
         self.cells = cells
-        self._geometry_values = np.array([*lower, *(1.0 / np.array(size)), *length], np.float32)
-        self.geometry.from_numpy(self._geometry_values)
+        sides = np.zeros((2, 3))
+        if self.bounds.kind == "periodic":
+            sides[:, : self.dimension] = np.array([self.bounds.lower, self.bounds.upper])[:, : self.dimension]
+        self.geometry.from_numpy(np.array([*lower, *(1.0 / np.array(size)), *sides.ravel()], np.float32))
         if math.prod(cells) > self._cells:
             self._cells = math.prod(cells)
             self.start = ti.ndarray(ti.i32, self._cells + 1)
             self.histogram = ti.ndarray(ti.i32, (self.tasks, staggered(self._cells)))
         if cells[0] > self._columns:
             self._columns = cells[0]
-            self.offset = ti.ndarray(ti.i32, (self.tasks, self._columns + 3))
+            self.offset = ti.ndarray(ti.i32, (self.tasks, self._columns + 5))
         self._reserve(self._capacity or PAGE_OF_CANDIDATES)
 
-    def _cut(self, radius: float) -> tuple[tuple[int, int, int], list[float], list[float], list[float]]:
-        """Cells an axis, lower corner, cell size and box length (0 where not periodic)."""
+    def _cut(self, radius: float) -> tuple[tuple[int, int, int], list[float], list[float]]:
+        """Cells an axis, lower corner and cell size."""
         size = radius * CELL_MARGIN
         open_cells = round((CELLS_PER_PARTICLE * max(self.count, 1)) ** (1 / self.dimension))
-        cells, lower, sizes, lengths = [1, 1, 1], [0.0] * 3, [size] * 3, [0.0] * 3
+        cells, lower, sizes, lengths = [1, 1, 1], [0.0] * 3, [size] * 3, [size] * 3
         periodic = self.bounds.kind == "periodic"
         for axis in range(self.dimension):
             if self.bounds.lower is None or self.bounds.upper is None:
                 cells[axis] = max(open_cells, MIN_CELLS)
                 continue
             lower[axis] = self.bounds.lower[axis]
-            length = self.bounds.upper[axis] - lower[axis]
-            fit = int(length / size)
-            if periodic:
-                if fit < MIN_CELLS:
-                    raise SceneError(
-                        f"bounds: periodic length {length:g} m on axis {'xyz'[axis]} is less than "
-                        f"{MIN_CELLS * CELL_MARGIN:g} times the neighbour radius {radius:g} m"
-                    )
-                lengths[axis] = length
+            lengths[axis] = self.bounds.upper[axis] - lower[axis]
+            fit = int(lengths[axis] / size)
+            if periodic and fit < MIN_CELLS:
+                raise SceneError(
+                    f"bounds: periodic length {lengths[axis]:g} m on axis {'xyz'[axis]} is less than "
+                    f"{MIN_CELLS * CELL_MARGIN:g} times the neighbour radius {radius:g} m"
+                )
             cells[axis] = fit if periodic else max(fit + 1, MIN_CELLS)
         if self.bounds.lower is not None:
             each = PERIODIC_CELLS_PER_PARTICLE if periodic else CELLS_PER_PARTICLE
             cells = at_most(cells, max(each * self.count, FEWEST_CELLS))
         if periodic:
-            sizes = [length / n if length else size for length, n in zip(lengths, cells, strict=True)]
-        return (cells[0], cells[1], cells[2]), lower, sizes, lengths
+            sizes = [length / n for length, n in zip(lengths, cells, strict=True)]
+        return (cells[0], cells[1], cells[2]), lower, sizes
 
     def _reserve(self, candidates: int) -> None:
         """Scratch for tubes of that many candidates a task."""

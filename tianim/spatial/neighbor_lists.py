@@ -49,6 +49,7 @@ from tianim.spatial.grid import (
     gather_tube,
     rounded,
     share,
+    slice_of,
 )
 from tianim.system import Bounds
 
@@ -87,8 +88,8 @@ def count_neighbours(
                 if start[row * nx + nx] == start[row * nx]:
                     continue
                 gather_tube(dimension, False, task, row, shape, geometry, start, x, x, place, scratch, tube)
-                for s in range(1, nx + 1):
-                    cell = row * nx + (s + nx - 2) % nx
+                for column in range(nx):
+                    cell, s = row * nx + column, slice_of(column, nx)
                     begin, end = tube[task, s - 1], tube[task, s + 2]
                     for i in range(start[cell], start[cell + 1]):
                         me = tube[task, s] + i - start[cell]
@@ -143,8 +144,8 @@ def fill_neighbours(
                 if start[row * nx + nx] == start[row * nx]:
                     continue
                 gather_tube(dimension, True, task, row, shape, geometry, start, x, x, place, scratch, tube)
-                for s in range(1, nx + 1):
-                    cell = row * nx + (s + nx - 2) % nx
+                for column in range(nx):
+                    cell, s = row * nx + column, slice_of(column, nx)
                     begin, end = tube[task, s - 1], tube[task, s + 2]
                     for i in range(start[cell], start[cell + 1]):
                         me = tube[task, s] + i - start[cell]

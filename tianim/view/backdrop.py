@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from tianim.view import shade
+from tianim.view import layout
 from tianim.view.colormap import hex_to_linear, to_linear
-from tianim.view.raster import FOCAL
+from tianim.view.layout import FOCAL
 
 Float = NDArray[np.float32]
 Ramp = tuple[tuple[float, str], ...]
@@ -103,18 +103,18 @@ def preset_of(background: Background) -> Preset:
 
 def stage_array(preset: Preset, camera: Float, floor: float, shadows: bool, exposure: float) -> Float:
     """What the shading kernels read (see shade): the sun stands where it suits this camera."""
-    out = np.zeros(shade.STAGE_SIZE, np.float32)
+    out = np.zeros(layout.STAGE_SIZE, np.float32)
     sun = np.array(preset.sun) / np.linalg.norm(preset.sun)
     level = _level_axes(camera)
     out[0:3] = sun @ level
     out[3:6] = np.array(preset.key) * exposure
     out[6:9] = np.array(preset.above) * exposure
     out[9:12] = np.array(preset.below) * exposure
-    out[shade.SHINE], out[shade.RIM] = preset.shine, preset.rim
-    out[shade.FLOOR], out[shade.FLOOR_HEIGHT] = preset.floor, floor
-    out[shade.SHADOW] = preset.shadow if shadows else 0.0
-    out[shade.CORNER] = preset.corners if shadows else 0.0
-    out[shade.SOFTNESS] = 0.12
+    out[layout.SHINE], out[layout.RIM] = preset.shine, preset.rim
+    out[layout.FLOOR], out[layout.FLOOR_HEIGHT] = preset.floor, floor
+    out[layout.SHADOW] = preset.shadow if shadows else 0.0
+    out[layout.CORNER] = preset.corners if shadows else 0.0
+    out[layout.SOFTNESS] = 0.12
     return out
 
 
@@ -178,11 +178,11 @@ class Backdrop:
         azimuth = np.arctan2(camera[9], camera[11]) + np.arctan2(-column, f)
         pitch = np.arcsin(np.clip(camera[10], -1, 1))
         level = 0.5 * self._height + f * np.tan(pitch)  # row of the horizon
-        picture = still
+        picture = still.copy()
         for turn, rise, wave, color in ((0.0, 1.3, 1.0, "#a08d92"), (2.1, 0.35, 2.3, "#4a4350")):
             hills = rise + 0.45 * _hills(azimuth * wave + turn)
             top = level - f * np.tan(np.radians(hills))
-            picture = _fill_below(picture, top.astype(np.float32), hex_to_linear(color))
+            _fill_below(picture, top.astype(np.float32), hex_to_linear(color))
         return picture
 
 
@@ -200,16 +200,12 @@ def _hills(azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-def _fill_below(picture: Float, top: Float, color: Float) -> Float:
-    """`picture` with `color` below the row `top` of each column, its edge smooth; paler far below (mist)."""
+def _fill_below(picture: Float, top: Float, color: Float) -> None:
+    """Paint `picture` with `color` below the row `top` of each column, its edge smooth."""
     first = int(np.clip(np.floor(top.min()), 0, len(picture)))
-    if first >= len(picture):
-        return picture
-    out = picture.copy()
     rows = np.arange(first, len(picture), dtype=np.float32)[:, None] + 0.5
     cover = np.clip(rows - top[None, :] + 0.5, 0.0, 1.0)[..., None]
-    out[first:] = out[first:] * (1 - cover) + color * cover
-    return out
+    picture[first:] += (color - picture[first:]) * cover
 
 
 def _ramp(ramp: Ramp, height: Float) -> Float:

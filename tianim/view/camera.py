@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
+from tianim.view.layout import CAMERA_SIZE, FOCAL, HEIGHT, NEAR, PERSPECTIVE, WIDTH
 from tianim.view.look import CameraLook
-from tianim.view.raster import CAMERA_SIZE, FOCAL, HEIGHT, NEAR, PERSPECTIVE, WIDTH
 from tianim.view.survey import Survey
 
 Float = NDArray[np.float32]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from tianim.view import colormap, raster, shade
+from tianim.view import colormap, layout, raster, shade, shadow
 
 Float = NDArray[np.float32]
 Int = NDArray[np.int32]
@@ -91,7 +91,7 @@ class Geometry:
 class Light:
     """How a picture is lit.
 
-    stage  see shade; fog: start [m], length [m], share lost over it
+    stage  see layout; fog: start [m], length [m], share lost over it
     sun    camera of the shadow map, None: no shadows are cast; reach: how far a corner darkens [m]
     """
 
@@ -115,10 +115,10 @@ class Canvas:
     def draw(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> Picture:
         """The picture (height, width, 3); `camera` is for whole pixels, `background` as large, linear."""
         fine = camera.copy()
-        fine[[raster.FOCAL, raster.WIDTH, raster.HEIGHT]] *= self.samples
+        fine[[layout.FOCAL, layout.WIDTH, layout.HEIGHT]] *= self.samples
         self._see(self._key, geometry, fine)
         scale = self._blend(geometry, camera, light, background)
-        if light.stage[shade.CORNER] > 0.0 or light.sun is not None:
+        if light.stage[layout.CORNER] > 0.0 or light.sun is not None:
             self._find_shade(geometry, camera, light)
         out = np.empty((self.height, self.width, 3), np.uint8)
         spheres, mesh, sticks = geometry.spheres, geometry.triangles, geometry.sticks
@@ -133,13 +133,13 @@ class Canvas:
 
     def _find_shade(self, geometry: Geometry, camera: Float, light: Light) -> None:
         """Fill the buffer of corners and cast shadows."""
-        shade.scene_depth(self._depth, self._key, camera, light.stage)
-        casters = np.full((1, 1), shade.FAR, np.float32)
+        shadow.scene_depth(self._depth, self._key, camera, light.stage)
+        casters = np.full((1, 1), layout.FAR, np.float32)
         if light.sun is not None:
             self._see(self._shadow, geometry, light.sun)
             casters = self._casters()
         sun = camera if light.sun is None else light.sun
-        shade.find_shade(
+        shadow.find_shade(
             self._shade, self._depth, self._shadow, casters, camera, sun, light.stage, light.reach
         )
 
@@ -148,13 +148,13 @@ class Canvas:
         tiles = SHADOW_SIZE // TILE
         nearest = self._shadow.reshape(tiles, TILE, tiles, TILE).min(axis=(1, 3))
         depth = (nearest >> 32).astype(np.int32).view(np.float32)
-        depth = np.where(nearest == raster.EMPTY, np.float32(shade.FAR), depth)
-        reach = 2 * int(np.ceil(shade.LARGEST_PENUMBRA * SHADOW_SIZE / TILE)) + 1
+        depth = np.where(nearest == layout.EMPTY, np.float32(layout.FAR), depth)
+        reach = 2 * int(np.ceil(shadow.LARGEST_PENUMBRA * SHADOW_SIZE / TILE)) + 1
         return np.ascontiguousarray(minimum_filter(depth, size=reach), dtype=np.float32)
 
     def _see(self, key: NDArray[np.int64], geometry: Geometry, camera: Float) -> None:
         """Fill `key` with the nearest primitive at each sample."""
-        key.fill(raster.EMPTY)
+        key.fill(layout.EMPTY)
         spheres, mesh, sticks = geometry.spheres, geometry.triangles, geometry.sticks
         first_triangle = len(spheres.position)
         first_line = first_triangle + len(mesh.triangles)

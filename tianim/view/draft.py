@@ -159,15 +159,24 @@ def _finite_parts(position: Float, indices: NDArray[np.int32]) -> tuple[Float, N
 
 
 def vertex_normals(position: Float, triangles: NDArray[np.int32]) -> Float:
-    """Unit normals (n, 3), each the mean of its triangles by area; zero where there are none."""
-    a, b, c = (position[triangles[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
+    """Unit normals (n, 3), each the mean of its triangles by their angle there; zero where there are none.
+
+    By angle, not by area: else the corners of a cube lean to the faces that have two triangles there.
+    """
+    corners = position[triangles]
+    ahead = _unit(np.roll(corners, -1, axis=1) - corners)
+    behind = -np.roll(ahead, 1, axis=1)
+    angle = np.arccos(np.clip(np.einsum("mkc,mkc->mk", ahead, behind), -1.0, 1.0))
+    flat = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     out = np.empty_like(position)
     for axis in range(3):
-        weights = np.repeat(across[:, axis], 3)
+        weights = (angle * flat[:, axis : axis + 1]).ravel()
         out[:, axis] = np.bincount(triangles.ravel(), weights=weights, minlength=len(position))
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    return _f32(out / np.maximum(length, 1e-30))
+    return _f32(_unit(out))
+
+
+def _unit(vectors: NDArray) -> NDArray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-30)
 
 
 def _posed(shape: Shape, position: Float, turn: Float, size: Float, tone: Float, time: float) -> Triangles:

@@ -3,9 +3,7 @@
 Pictures are taken one by one and never held together. The file appears when it is complete.
 """
 
-import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -15,10 +13,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tianim.errors import MissingPartError, OutputError
+from tianim.export.files import whole_file
 
 Picture = NDArray[np.uint8]
 
 QUALITY = "23"  # constant rate factor of x264: a flock of 30,000 in 10 s takes 14 MB, at 20 it takes 19
+MOST_BITS = "12M"  # a second: pure noise of small things would take three times that
 PRESET = "veryfast"  # half the time of `medium` for a few percent of size
 BT709 = 1  # colour code of HD film, in the numbering of ITU-T H.273
 WEBP_WIDTH = 960
@@ -33,22 +33,6 @@ def can_write_mp4() -> bool:
     except ImportError:
         return False
     return "libx264" in av.codecs_available
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A name beside `path` to write to; it becomes `path` when the block ends well, and goes away when not.
-
-    Raises OutputError where the folder takes no file.
-    """
-    beside = path.with_name(f".{path.name}.tmp")
-    try:
-        yield beside
-        os.replace(beside, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def write_film(path: Path, pictures: Iterable[Picture], rate: float) -> Path:
@@ -81,7 +65,7 @@ def write_mp4(path: Path, pictures: Iterable[Picture], rate: float) -> None:
     ):
         stream = out.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"crf": QUALITY, "preset": PRESET}
+        stream.options = {"crf": QUALITY, "preset": PRESET, "maxrate": MOST_BITS, "bufsize": MOST_BITS}
         context = stream.codec_context
         context.color_primaries = context.color_trc = context.colorspace = BT709
         context.color_range = 1  # of film, 16 to 235

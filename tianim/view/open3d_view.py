@@ -24,9 +24,9 @@ from tianim.errors import MissingPartError
 from tianim.frame import Frame, Mesh
 from tianim.view.canvas import Geometry, Triangles
 from tianim.view.colormap import ENTRIES, to_srgb
+from tianim.view.layout import FOCAL, HEIGHT, WIDTH
 from tianim.view.look import Look
 from tianim.view.painter import Painter
-from tianim.view.raster import FOCAL, HEIGHT, WIDTH
 from tianim.view.shade import CREASE
 from tianim.view.survey import Frames
 

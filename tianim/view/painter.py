@@ -13,9 +13,8 @@ from tianim.view.backdrop import Backdrop, Background, Preset, preset_of, stage_
 from tianim.view.camera import CameraPath, Stand, View, camera_array
 from tianim.view.canvas import SHADOW_SIZE, Canvas, Geometry, Light, Picture
 from tianim.view.draft import Draft
+from tianim.view.layout import FOCAL, PERSPECTIVE, SHADOW
 from tianim.view.look import Look
-from tianim.view.raster import FOCAL, PERSPECTIVE
-from tianim.view.shade import SHADOW
 from tianim.view.styles import Styles
 from tianim.view.survey import Frames, Survey, survey
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.errors import MissingPartError, SceneError
-from tianim.view.film import whole_file
+from tianim.export.files import whole_file
 
 Column = NDArray[np.float64]
 
@@ -21,6 +21,7 @@ PANEL = (4.3, 2.75)  # inches of one panel
 DPI = 100
 INK, PAPER, GRID = "#2b2c30", "#faf8f4", "#d9d5cc"
 LINES = ("#1f6f9f", "#c0532f", "#3f7d5a", "#8d5a97", "#a8842c", "#5a6472")
+MISSING_PLOTS = "no plot of the metrics without matplotlib: pip install 'tianim[plots]'"
 UNIT = re.compile(r"^(.*?)\s*[\[(](.+)[\])]\s*$")
 
 
@@ -81,7 +82,7 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise MissingPartError("no plot of the metrics without matplotlib: pip install matplotlib") from error
+        raise MissingPartError(MISSING_PLOTS) from error
     count = len(shown)
     columns = 1 if count == 1 else 2 if count in (2, 4) else 3
     rows = ceil(count / columns)

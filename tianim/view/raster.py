@@ -5,52 +5,28 @@ minimum of (depth bits << 32 | primitive id): the nearest wins, ties go to the s
 picture is the same for any number of threads. A translucent or tiny item is not depth sorted:
 `blend_capsules` adds its optical depth and colour in fixed point, so that order cannot matter.
 
-Arrays: key (height * samples, width * samples) int64; camera float32, see CAMERA_SIZE;
-points (n, 3) float32 [m]. Pixel centres are at (i + 0.5).
+Arrays: key (height * samples, width * samples) int64 and camera as in `layout`; points (n, 3)
+float32 [m].
 """
 
-from typing import Any
-
 from tianim.lang import f32_1d, f32_2d, f32_3d, i32_2d, i64_2d, ti
+from tianim.view.layout import (
+    FOCAL,
+    HEIGHT,
+    MAX_PIXEL,
+    NEAR,
+    PERSPECTIVE,
+    WIDTH,
+    along_segment,
+    clipped,
+    faded,
+    i64_3d,
+    to_screen,
+    to_view,
+)
 
-i64_3d: Any = ti.types.ndarray(dtype=ti.i64, ndim=3)
-
-# Layout of a camera array: eye 0:3, right 3:6, up 6:9, forward 9:12, then these.
-FOCAL = 12  # pixels per unit of x / w
-PERSPECTIVE = 13  # 1, or 0 for orthographic (then w = 1 and FOCAL is pixels per metre)
-WIDTH = 14  # [pixels]
-HEIGHT = 15
-NEAR = 16  # nothing nearer is drawn [m]
-CAMERA_SIZE = 17
-
-EMPTY = 0x7FFFFFFFFFFFFFFF  # key of a sample that shows nothing
-LOW_WORD = 0xFFFFFFFF
-MAX_PIXEL = 1.0e6  # screen coordinates are clamped to it, so that they fit an int32
 MIN_RADIUS = 0.7072  # [samples]: a smaller disc can lie between the sample centres
 MOST_HIDDEN = 0.98  # opacity of one blended item, where its optical depth must stay finite
-
-
-@ti.func
-def to_view(camera: ti.template(), x, y, z):
-    """Coordinates (right, up, forward) [m] of a point as the camera sees it."""
-    dx, dy, dz = x - camera[0], y - camera[1], z - camera[2]
-    return ti.Vector(
-        [
-            dx * camera[3] + dy * camera[4] + dz * camera[5],
-            dx * camera[6] + dy * camera[7] + dz * camera[8],
-            dx * camera[9] + dy * camera[10] + dz * camera[11],
-        ]
-    )
-
-
-@ti.func
-def to_screen(camera: ti.template(), v):
-    """Screen x and y [pixels], depth [m] and w (scale of a metre is FOCAL / w) of view coordinates."""
-    w = ti.select(camera[PERSPECTIVE] > 0.5, ti.max(v[2], camera[NEAR] * 0.1), 1.0)
-    scale = camera[FOCAL] / w
-    x = ti.min(ti.max(0.5 * camera[WIDTH] + v[0] * scale, -MAX_PIXEL), MAX_PIXEL)
-    y = ti.min(ti.max(0.5 * camera[HEIGHT] - v[1] * scale, -MAX_PIXEL), MAX_PIXEL)
-    return ti.Vector([x, y, v[2], w])
 
 
 @ti.func
@@ -137,26 +113,6 @@ def raster_triangles(key: i64_2d, camera: f32_1d, position: f32_2d, triangles: i
 
 
 @ti.func
-def clipped(camera: ti.template(), v, other):
-    """View coordinates `v`, moved along the segment to `other` until in front of the camera."""
-    near = camera[NEAR] * 1.01
-    moved = v
-    if v[2] < near and other[2] > near:
-        moved = v + (other - v) * ((near - v[2]) / (other[2] - v[2]))
-    return moved
-
-
-@ti.func
-def along_segment(sa, sb, x, y):
-    """Parameter 0..1 of the point of a screen segment nearest to (x, y), and the distance [pixels]."""
-    dx, dy = sb[0] - sa[0], sb[1] - sa[1]
-    t = ((x - sa[0]) * dx + (y - sa[1]) * dy) / ti.max(dx * dx + dy * dy, 1e-12)
-    t = ti.min(ti.max(t, 0.0), 1.0)
-    ex, ey = x - (sa[0] + t * dx), y - (sa[1] + t * dy)
-    return t, ti.sqrt(ex * ex + ey * ey)
-
-
-@ti.func
 def depth_along(camera: ti.template(), za, zb, t):
     """Depth at the screen parameter `t` between two depths."""
     linear = za + (zb - za) * t
@@ -202,13 +158,6 @@ def share_between(sa, sb, length, x, y):
     """Share of a pixel between the two straight ends of a screen segment."""
     along = ((x - sa[0]) * (sb[0] - sa[0]) + (y - sa[1]) * (sb[1] - sa[1])) / ti.max(length, 1e-6)
     return ti.min(ti.max(along + 0.5, 0.0), 1.0) * ti.min(ti.max(length - along + 0.5, 0.0), 1.0)
-
-
-@ti.func
-def faded(fog: ti.template(), depth):
-    """Share of the colour that is left at `depth`; fog is (start [m], length [m], share lost over it)."""
-    through = ti.max((depth - fog[0]) / fog[1], 0.0)
-    return ti.pow(1.0 - fog[2], through)
 
 
 @ti.kernel

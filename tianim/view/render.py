@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.errors import MissingPartError
+from tianim.export.files import make_folder
 from tianim.frame import Frame
 from tianim.view import film, open3d_view, plots, sheet
 from tianim.view.look import Look
@@ -43,6 +44,7 @@ def render_run(
     cannot be written.
     """
     written: list[Path] = []
+    make_folder(folder)
     if len(frames):
         written += _pictures(frames, look, folder, fps, progress, say)
     if metrics is not None:

@@ -19,7 +19,8 @@ Int = NDArray[np.int32]
 class Shape:
     """Vertices (v, 3), motion (v, 3), tint (v,), triangles (t, 3).
 
-    beat in 1/s; width of the plain stick that hides as much, seen from anywhere; normals (v, 3) or None where it is flat.
+    beat in 1/s; width of the plain stick that hides as much, seen from anywhere; normals (v, 3), or
+    None where all is flat.
     """
 
     vertices: Float

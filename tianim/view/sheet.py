@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from tianim.view.film import whole_file
+from tianim.export.files import whole_file
 
 Picture = NDArray[np.uint8]
 

@@ -22,8 +22,8 @@ def can_color_by(part: Part, by: str) -> bool:
 def values_of(part: Part, by: str, flat: int | None = None) -> Float:
     """One number per point of `part`: a data array (a vector's length), speed, height or heading.
 
-    `heading` is 0..1 round the compass: in the ground plane, or in the picture plane of a scene
-    that is flat along z. `flat` is the axis along which the scene is flat.
+    `heading` is 0..1 round the compass: from z over x in the ground plane, or from x over y in a
+    scene that is flat along z. `flat` is the axis along which the scene is flat.
     Raises SceneError naming what there is.
     """
     if not can_color_by(part, by):

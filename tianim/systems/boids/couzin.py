@@ -25,7 +25,7 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import normal3, unit_vector
 from tianim.params import Animated, Count, Degrees, NonNegative, Positive
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded
+from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded, slice_of
 from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.flocking import TINY
@@ -106,8 +106,8 @@ def decide(
                 if start[row * nx + nx] == start[row * nx]:
                     continue
                 gather_tube(3, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
-                for s in range(1, nx + 1):
-                    cell = row * nx + (s + nx - 2) % nx
+                for c in range(nx):
+                    cell, s = row * nx + c, slice_of(c, nx)
                     begin, end = offset[task, s - 1], offset[task, s + 2]
                     for i in range(start[cell], start[cell + 1]):
                         me = offset[task, s] + i - start[cell]

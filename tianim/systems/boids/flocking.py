@@ -16,7 +16,7 @@ number of candidates within it, which vectorises, and then bounds the three radi
 """
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.spatial.grid import NX, STRIDE, TASKS, first_row, gather_tube, rounded
+from tianim.spatial.grid import NX, STRIDE, TASKS, first_row, gather_tube, rounded, slice_of
 from tianim.systems.boids.tables import ALIGNMENT, BUDGET, COHESION, SEPARATION
 
 # Distances below this [m2] count as none: the direction from a boid to itself.
@@ -103,8 +103,8 @@ def flock(
                     scratch,
                     offset,
                 )
-                for s in range(1, nx + 1):
-                    cell = row * nx + (s + nx - 2) % nx
+                for column in range(nx):
+                    cell, s = row * nx + column, slice_of(column, nx)
                     begin, end = offset[task, s - 1], offset[task, s + 2]
                     for i in range(start[cell], start[cell + 1]):
                         me = offset[task, s] + i - start[cell]

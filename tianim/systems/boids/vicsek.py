@@ -19,7 +19,7 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import uniform
 from tianim.params import Animated, Count, Positive
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded
+from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded, slice_of
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.params import BYTES_PER_BOID, SECONDS_PER_BOID_STEP, SECONDS_PER_STEP
 from tianim.systems.boids.swarm import Swarm
@@ -88,8 +88,8 @@ def align(
                 if start[row * nx + nx] == start[row * nx]:
                     continue
                 gather_tube(2, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
-                for s in range(1, nx + 1):
-                    cell = row * nx + (s + nx - 2) % nx
+                for column in range(nx):
+                    cell, s = row * nx + column, slice_of(column, nx)
                     begin, end = offset[task, s - 1], offset[task, s + 2]
                     for i in range(start[cell], start[cell + 1]):
                         me = offset[task, s] + i - start[cell]

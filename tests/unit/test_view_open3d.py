@@ -11,11 +11,11 @@ from view_scenes import Film, cube, flock
 from tianim.errors import MissingPartError
 from tianim.view import open3d_view
 from tianim.view.look import Look
+from tianim.view.open3d_shapes import corner_normals
 from tianim.view.open3d_view import (
     Open3dPainter,
     Probe,
     choose_painter,
-    corner_normals,
     load,
     probe,
     view_run,

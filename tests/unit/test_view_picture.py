@@ -1,5 +1,9 @@
 """Whole pictures: light, shadow, fog, colour, determinism and odd frames."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from view_scenes import Film, cloud, cube, flock, strand
@@ -58,6 +62,32 @@ def test_two_draws_are_the_same_bytes() -> None:
     painters = [Painter(Film(4, flock(2000)), look(background="studio")) for _ in range(2)]
     first, second = (painter.picture(2) for painter in painters)
     assert (first == second).all()
+
+
+@pytest.mark.slow
+def test_the_bytes_do_not_depend_on_the_number_of_threads() -> None:
+    code = (
+        "import hashlib\n"
+        "from tianim import runtime; runtime.start(threads={})\n"
+        "from view_scenes import Film, cube, flock\n"
+        "from tianim.view.look import Look\n"
+        "from tianim.view.painter import Painter\n"
+        "film = Film(4, lambda index, time: (*flock(20000)(index, time), cube(1.5)))\n"
+        "looks = [{{'background': 'studio', 'parts': {{'boids': {{'trail': 3}}}}}}, "
+        "{{'parts': {{'boids': {{'kind': 'glow'}}}}}}]\n"
+        "for look in map(Look.model_validate, looks):\n"
+        "    print(hashlib.sha256(Painter(film, look).picture(3)).hexdigest())"
+    )
+    path = os.pathsep.join([os.path.dirname(__file__), *filter(None, sys.path)])
+    environment = {**os.environ, "PYTHONPATH": path}
+    shown = [
+        subprocess.run(
+            [sys.executable, "-c", code.format(threads)], capture_output=True, env=environment, check=True
+        )
+        for threads in (1, 2)
+    ]
+    assert shown[0].stdout == shown[1].stdout
+    assert len(shown[0].stdout) > 100
 
 
 def test_the_order_of_points_does_not_show() -> None:

@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 
 from tianim.errors import MissingPartError
 from tianim.frame import Frame, Mesh
-from tianim.view.canvas import Geometry, Triangles
-from tianim.view.colormap import ENTRIES, to_srgb
+from tianim.view.colormap import to_srgb
 from tianim.view.layout import FOCAL, HEIGHT, WIDTH
 from tianim.view.look import Look
+from tianim.view.open3d_shapes import lit_mesh, window_shapes
 from tianim.view.painter import Painter
-from tianim.view.shade import CREASE
 from tianim.view.survey import Frames
 
 Picture = NDArray[np.uint8]
@@ -180,7 +179,7 @@ class Open3dPainter(Painter):
         material.base_roughness = 0.75
         geometry = self.draft.geometry(frame)
         if len(geometry.triangles.triangles):
-            scene.add_geometry("meshes", _lit_mesh(open3d, _corners(geometry, view.camera[:3])), material)
+            scene.add_geometry("meshes", lit_mesh(open3d, geometry, view.camera[:3]), material)
         toward = -self._light(view, geometry).stage[:3].astype(np.float64)
         scene.scene.set_sun_light(toward.tolist(), [1.0, 1.0, 1.0], SUN_LUX)
         scene.scene.enable_sun_light(True)
@@ -198,70 +197,6 @@ def _place_camera(camera: Any, ours: Float, distance: float, radius: float) -> N
     camera.set_projection(angle, width / height, near, far, type(camera).FovType.Vertical)
 
 
-@dataclass(frozen=True)
-class _Corners:
-    """Corners of triangles, each on its own: position, normal, linear colour, all (3 m, 3)."""
-
-    position: Float
-    normal: Float
-    color: Float
-    triangles: NDArray[np.int32]
-
-
-def _corners(geometry: Geometry, eye: Float | None = None) -> _Corners:
-    """All triangles, with colours and normals of the side that `eye` sees; without an eye, of the front."""
-    ours = geometry.triangles
-    corners, normals = ours.position[ours.triangles], corner_normals(ours)
-    rows = ours.tone[ours.triangles].astype(int)
-    if eye is not None:
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        behind = np.einsum("mk,mk->m", across, eye - corners[:, 0]) < 0.0
-        rows = rows + np.where(behind, ENTRIES, 0)[:, None]
-        normals = np.where(behind[:, None, None], -normals, normals)
-    colors = geometry.colors[rows] * np.minimum(ours.tint[ours.triangles], 1.5)[..., None]
-    numbers = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return _Corners(_column(corners), _column(normals), _column(colors), numbers)
-
-
-def _column(values: NDArray) -> Float:
-    return np.ascontiguousarray(values.reshape(-1, 3), dtype=np.float32)
-
-
-def _lit_mesh(open3d: ModuleType, corners: _Corners) -> Any:
-    """For the renderer, which takes linear colours.
-
-    A tensor mesh: with others, redrawing a mesh that changes hangs (Open3D 0.20, software Vulkan).
-    """
-    tensor = open3d.core.Tensor
-    mesh = open3d.t.geometry.TriangleMesh()
-    mesh.vertex.positions, mesh.vertex.normals = tensor(corners.position), tensor(corners.normal)
-    mesh.vertex.colors = tensor(corners.color)
-    mesh.triangle.indices = tensor(corners.triangles)
-    return mesh
-
-
-def _window_mesh(open3d: ModuleType, corners: _Corners) -> Any:
-    """For the window, which takes encoded colours."""
-    vectors = open3d.utility.Vector3dVector
-    mesh = open3d.geometry.TriangleMesh(
-        vectors(corners.position.astype(np.float64)), open3d.utility.Vector3iVector(corners.triangles)
-    )
-    mesh.vertex_normals = vectors(corners.normal.astype(np.float64))
-    mesh.vertex_colors = vectors(to_srgb(corners.color).astype(np.float64))
-    return mesh
-
-
-def corner_normals(mesh: Triangles) -> Float:
-    """Normals (m, 3 corners, 3): smooth, but those of the triangle at sharp edges, as in our own shading."""
-    a, b, c = (mesh.position[mesh.triangles[:, k]] for k in range(3))
-    flat = np.cross(b - a, c - a)
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
-    smooth = mesh.normal[mesh.triangles]
-    agree = np.einsum("mkc,mc->mk", smooth, flat)[..., None]
-    turned = np.where(agree < 0.0, -smooth, smooth)
-    return np.where(np.abs(agree) < CREASE, flat[:, None], turned).astype(np.float32)
-
-
 class Scrubber:
     """Open3D's window on a run: left and right step, space plays, home and end jump."""
 
@@ -271,7 +206,9 @@ class Scrubber:
         self._painter = Painter(frames, look)
         self._shown: list[Any] = []
         self.window = self._open3d.visualization.VisualizerWithKeyCallback()
-        if not self.window.create_window(title, look.width, look.height, visible=visible):
+        with _quiet():
+            opened = self.window.create_window(title, look.width, look.height, visible=visible)
+        if not opened:
             raise MissingPartError(
                 "Open3D cannot open a window here; `tianim render` gives pictures without one"
             )
@@ -306,7 +243,7 @@ class Scrubber:
         for shape in self._shown:
             self.window.remove_geometry(shape, reset_bounding_box=False)
         geometry = self._painter.draft.geometry(self._frames[index])
-        self._shown = _shapes(self._open3d, geometry)
+        self._shown = window_shapes(self._open3d, geometry)
         for shape in self._shown:
             self.window.add_geometry(shape, reset_bounding_box=first)
 
@@ -325,29 +262,6 @@ def _callback(action: Any) -> Any:
         return True
 
     return pressed
-
-
-def _shapes(open3d: ModuleType, geometry: Geometry) -> list[Any]:
-    """Open3D's points, lines and meshes for what we would draw."""
-    vectors, colors = open3d.utility.Vector3dVector, to_srgb(geometry.colors).astype(np.float64)
-    shapes = []
-    clouds = [(geometry.spheres.position, geometry.spheres.tone)]
-    clouds += [(blend.head, blend.tone) for blend in geometry.blends]
-    for position, tone in clouds:
-        if len(position):
-            cloud = open3d.geometry.PointCloud(vectors(position.astype(np.float64)))
-            cloud.colors = vectors(colors[tone.astype(int)])
-            shapes.append(cloud)
-    sticks = geometry.sticks
-    if len(sticks.segments):
-        lines = open3d.geometry.LineSet(
-            vectors(sticks.position.astype(np.float64)), open3d.utility.Vector2iVector(sticks.segments)
-        )
-        lines.colors = vectors(colors[sticks.tone.astype(int)])
-        shapes.append(lines)
-    if len(geometry.triangles.triangles):
-        shapes.append(_window_mesh(open3d, _corners(geometry)))
-    return shapes
 
 
 def view_run(frames: Frames, look: Look, title: str = "tianim") -> None:

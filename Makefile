@@ -9,9 +9,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 # Short tests of the kernels, for a second compiler.
 QUADRANTS_TESTS := tests/physics/test_every_system.py tests/unit/test_grid.py
 
+SCENES := $(basename $(notdir $(wildcard configs/*.yaml)))
+
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-quadrants lint format constraints clean
+.PHONY: help demo test test-slow test-quadrants lint format gallery constraints clean
 
 help: ## This list
 	@sed -nE 's/^([a-z-]+):.*## (.*)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
@@ -38,6 +40,14 @@ format: $(VENV)/dev.stamp ## Mend the style
 	$(BIN)/ruff check --fix-only
 	$(BIN)/ruff format
 
+gallery: $(VENV)/all.stamp ## Make the pictures of the README anew
+	mkdir -p docs/images
+	for scene in $(SCENES); do \
+	  $(BIN)/tianim run $$scene --out out/gallery/$$scene --overwrite || exit; \
+	  cp out/gallery/$$scene/preview.png docs/images/$$scene.png; \
+	done
+	$(BIN)/python demos/gust.py && cp out/gust/preview.png docs/images/gust.png
+
 constraints: ## Pin anew; needs python3.10 to python3.13
 	$(PYTHON) tools/constraints.py python3.10 python3.11 python3.12 python3.13
 
@@ -47,7 +57,7 @@ clean: ## Remove the virtual environment and caches; results in out/ stay
 
 # One stamp for each set of extras of pyproject.toml; a second call finds it and installs nothing.
 $(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/pip
-	@echo "tianim: installing (about 0.5 GB the first time)"
+	@echo "tianim: installing into $(VENV) (the first time some 0.4 GB are fetched: minutes on a slow line)"
 	$(PIP) install --quiet -c constraints.txt -e ".[$*]"
 	@touch $@
 

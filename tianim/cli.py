@@ -156,6 +156,10 @@ def _simulate(folder: Path, scene: "Scene", options: "RunOptions", quiet: bool) 
 
     started = runtime.start(options.arch, options.threads or None)  # type: ignore[arg-type]
     simulation = build(scene)
+    if scene.view.parts:  # a style for what is not there must not come to light after the run
+        from tianim.view.painter import check_look
+
+        check_look(simulation.frame(), scene.view)
     with Bar(folder.name, quiet) as bar:
         return simulate(folder, scene, simulation, replace(options, threads=started.threads), bar)
 

@@ -1,8 +1,5 @@
 """Rotations in kernels beside SciPy, and what the host's forms promise."""
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray

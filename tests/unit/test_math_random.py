@@ -1,8 +1,5 @@
 """Counter-based random numbers: equal to the NumPy twin, evenly spread, without pattern."""
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 from typing import Any
 
 import numpy as np

@@ -51,6 +51,14 @@ def test_what_passes_and_how_far_it_is_off(
     assert one.error(measured) == pytest.approx(error)
 
 
+def test_a_limit_is_told_in_words() -> None:
+    assert result(case(), 1.0, 0.0)["check"] == "pile"
+    assert result(case(comparison="below"), 1.0, 0.0)["check"] == "pile, at most"
+    assert result(case(comparison="above"), 1.0, 0.0)["check"] == "pile, at least"
+    both = result(case(comparison="between", expected=(0.0, 2.0)), 1.0, 0.0)
+    assert (both["check"], both["expected"]) == ("pile, between", [0.0, 2.0])
+
+
 @pytest.mark.parametrize("comparison", ["equal", "below", "above"])
 @pytest.mark.parametrize("measured", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_never_passes(measured: float, comparison: str) -> None:

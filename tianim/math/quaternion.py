@@ -5,9 +5,6 @@ has a heading are: +Z forward, +Y up, and so +X to its left (right-handed).
 `tianim.math.rotations` has the same on the host.
 """
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 from tianim.lang import ti
 
 # Squared length below which a direction counts as not given (f32, lengths of order one).

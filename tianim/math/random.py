@@ -5,9 +5,6 @@ four 32-bit words in, four out, a bijection, so that no two counters give the sa
 `stream` keeps the draws of one step apart. `words_numpy` gives the same words on the host.
 """
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

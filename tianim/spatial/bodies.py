@@ -11,9 +11,6 @@ of half lengths h (0 for the sphere, (0, l/2, 0) for the capsule) less a radius.
 sampled grid up (`distance_grid`); a mesh sequence blends the grids of two keys.
 """
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

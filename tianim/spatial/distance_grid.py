@@ -9,9 +9,6 @@ edge or a corner counts once: the winding number where the triangles are oriente
 parts that overlap, else the parity.
 """
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 from dataclasses import dataclass
 
 import numpy as np

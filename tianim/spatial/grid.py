@@ -39,7 +39,7 @@ import numpy as np
 
 from tianim.errors import SceneError
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti, workers
-from tianim.spatial.columns import Columns, staggered
+from tianim.spatial.columns import Columns, sorts_serially, staggered
 from tianim.system import Bounds
 
 # Cells are a little wider than the radius: float32 rounding of (x - lower) / size must not put
@@ -73,6 +73,7 @@ def cell_coordinate(x, axis, shape: ti.template(), geometry: ti.template()):
 
 @ti.kernel
 def sort_order(
+    serial: ti.template(),
     shape: i32_1d,
     geometry: f32_1d,
     x: f32_2d,
@@ -84,6 +85,7 @@ def sort_order(
     """Counting sort by cell, stable: where each particle goes, and where each cell starts."""
     n, tasks, stride = shape[COUNT], shape[TASKS], shape[STRIDE]
     cells = shape[NX] * shape[NY] * shape[NZ]
+    ti.loop_config(serialize=serial)
     for task_block in range(tasks * stride):
         if task_block % stride == 0:
             t = task_block // stride
@@ -107,6 +109,7 @@ def sort_order(
                 histogram[t, c] = total
                 total += here
         start[cells] = total
+    ti.loop_config(serialize=serial)
     for task_block in range(tasks * stride):
         if task_block % stride == 0:
             t = task_block // stride
@@ -359,6 +362,7 @@ class NeighborGrid:
     def sort(self, columns: Columns) -> None:
         """Put the columns into cell order; afterwards `start` says where each cell begins."""
         sort_order(
+            sorts_serially(self.count),
             self.shape,
             self.geometry,
             columns["position"],

@@ -1,8 +1,5 @@
 """Mesh bodies: which distance grids are in the sample array, and which two keys are blended."""
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 from typing import Any, NamedTuple
 
 import numpy as np

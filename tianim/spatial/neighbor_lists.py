@@ -28,9 +28,6 @@ crosses half a skin in one step never gives: boids walk directly.
 Limits: at most 2^24 particles (the tubes carry places as float32) and 2^31 - 1 pairs.
 """
 
-# Kernels are checked by the compiler.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, valid-type"
-
 from collections.abc import Mapping
 from typing import Any
 

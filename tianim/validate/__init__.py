@@ -76,7 +76,7 @@ def result(case: Case, measured: float, seconds: float) -> Result:
     finite = math.isfinite(measured)
     return {
         "system": case.system,
-        "check": case.name,
+        "check": case.title(),
         "expected": list(case.expected) if isinstance(case.expected, tuple) else case.expected,
         "measured": measured if finite else None,
         "error": case.error(measured) if finite else None,

@@ -48,6 +48,11 @@ class Case:
     figure: Figure | None = None
     x: float = 0.0
 
+    def title(self) -> str:
+        """The name, and in words what is allowed where `expected` is a limit."""
+        words = {"equal": "", "below": ", at most", "above": ", at least", "between": ", between"}
+        return self.name + words[self.comparison]
+
     def range(self) -> tuple[float, float]:
         """The lowest and the highest number that passes."""
         if isinstance(self.expected, tuple):

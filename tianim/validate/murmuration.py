@@ -51,7 +51,7 @@ class Murmuration:
     polarisation         least and largest
     turn                 largest angle of the mean heading from where it was [deg]
     compression          largest C of a shell beyond the predators' reach, 0 where none strikes
-    wave_speed           speed at which its peak runs outward [m/s], 0 where it reaches one shell only
+    wave_speed           speed at which the peak runs outward [m/s], 0 where it reaches one shell only
     """
 
     cluster: float
@@ -110,15 +110,27 @@ def density_wave(time: Floats, position: Floats, predator: Floats, reach: float)
         rise[row] = np.array([np.median(ratio[shell == s]) for s in shells]) / np.median(ratio)
     if rise.size == 0:
         return 0.0, 0.0
-    peak, when = rise.max(axis=0), time[later][rise.argmax(axis=0)]
-    reached = peak > COMPRESSED
-    # Beyond the shell that is compressed most the wave runs; nearer the boids still flee.
-    reached[: int(peak.argmax())] = False
     distance = reach + SHELL * (np.array(shells) + 0.5)
-    speed = 0.0
-    if np.count_nonzero(reached) > 1 and np.ptp(when[reached]) > 0.0:
-        speed = float(np.polyfit(when[reached], distance[reached], 1)[0])
-    return float(peak.max()), speed
+    return float(rise.max()), _front_speed(time[later], distance, rise)
+
+
+def _front_speed(time: Floats, distance: Floats, rise: Floats) -> float:
+    """Speed [m/s] at which the peak of `rise` (times, shells) runs outward, 0 where it reaches one shell.
+
+    From the shell that is compressed most outward and inward, as far as shells are compressed, have
+    their peak within the time looked at, and have it the later the farther out they are.
+    """
+    peak = rise.argmax(axis=0)
+    reached = (rise.max(axis=0) > COMPRESSED) & (peak > 0) & (peak < len(time) - 1)
+    first = end = int(rise.max(axis=0).argmax())
+    while end + 1 < len(distance) and reached[end + 1] and peak[end + 1] > peak[end]:
+        end += 1
+    while first > 0 and reached[first - 1] and peak[first - 1] < peak[first]:
+        first -= 1
+    if first == end:
+        return 0.0
+    run = slice(first, end + 1)
+    return float(np.polyfit(time[peak[run]], distance[run], 1)[0])
 
 
 def measure(

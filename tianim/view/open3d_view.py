@@ -5,7 +5,6 @@ lacks, and its renderer ends the whole process where no Vulkan driver is found: 
 process of its own first. One process makes one renderer (a second one ends the process too).
 """
 
-import ctypes
 import os
 import re
 import subprocess
@@ -50,7 +49,6 @@ class Probe:
 
 def load() -> ModuleType:
     """The module open3d. Raises MissingPartError naming the package or the system library to install."""
-    _offer_libusb()
     try:
         import open3d
     except ModuleNotFoundError as error:
@@ -61,16 +59,6 @@ def load() -> ModuleType:
     except (ImportError, OSError) as error:
         raise MissingPartError(_missing_library(str(error))) from error
     return open3d
-
-
-def _offer_libusb() -> None:
-    """Load libusb from the package of that name where it is installed, instead of the system's."""
-    try:
-        import libusb_package
-
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    except (ImportError, OSError, TypeError):
-        return
 
 
 def _missing_library(message: str) -> str:

@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,16 +115,16 @@ def _systems(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(_split(name)[0].rpartition(".")[0] for name in names))
 
 
-def _style(panel: object, values: Column) -> None:
+def _style(panel: Any, values: Column) -> None:
     """Quiet axes; a constant in the middle of its panel, not stretched to noise."""
-    panel.set_facecolor(PAPER)  # type: ignore[attr-defined]
-    panel.grid(color=GRID, linewidth=0.8)  # type: ignore[attr-defined]
-    panel.tick_params(labelsize=13, colors=INK, length=3)  # type: ignore[attr-defined]
-    panel.locator_params(nbins=5)  # type: ignore[attr-defined]
-    panel.margins(x=0.01)  # type: ignore[attr-defined]
+    panel.set_facecolor(PAPER)
+    panel.grid(color=GRID, linewidth=0.8)
+    panel.tick_params(labelsize=13, colors=INK, length=3)
+    panel.locator_params(nbins=5)
+    panel.margins(x=0.01)
     for side in ("top", "right"):
-        panel.spines[side].set_visible(False)  # type: ignore[attr-defined]
+        panel.spines[side].set_visible(False)
     low, high = np.nanmin(values), np.nanmax(values)
     least = 1e-6 * max(abs(low), abs(high), 1e-12)
     if high - low < least:
-        panel.set_ylim(low - max(abs(low) * 0.05, 0.5 * least), high + max(abs(high) * 0.05, 0.5 * least))  # type: ignore[attr-defined]
+        panel.set_ylim(low - max(abs(low) * 0.05, 0.5 * least), high + max(abs(high) * 0.05, 0.5 * least))

@@ -52,6 +52,8 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "boids": (
         Example({"count": 1500, "start": _BOX}),
         Example(_HUNTED, note="hunted"),
+        # More than one core sorts.
+        Example({"count": 40_000, "start": {"kind": "box", "size": (24.0,) * 3}}, note="many"),
         Example(
             {"count": 1500, "start": _BOX, "dimension": 2},
             Bounds("periodic", (-4.0,) * 3, (4.0,) * 3),

@@ -23,6 +23,8 @@ Pairs = NDArray[np.int64]
 EDGE = 1e-6
 # Nearer than this to the radius, float32 may decide either way (three roundings of 6e-8 each).
 UNDECIDED = 2.5e-7
+# So many are sorted by all cores, fewer by one.
+MANY = 40_000
 OPEN = Bounds()
 
 
@@ -95,7 +97,7 @@ def scattered(count: int, lower: float, upper: float, dimension: int, seed: int 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("kind", ["open", "contained", "periodic"])
-@pytest.mark.parametrize("count", [0, 1, 2, 1000, 30_000])
+@pytest.mark.parametrize("count", [0, 1, 2, 1000, 30_000, MANY])
 def test_pairs_equal_the_tree(count: int, kind: str, dimension: int) -> None:
     side = 2.0 * max(count, 100) ** (1 / dimension)
     bounds = OPEN if kind == "open" else box(kind, 0.0, side)
@@ -289,31 +291,34 @@ def cells_of(grid: NeighborGrid) -> NDArray[np.int64]:
     return np.repeat(np.arange(len(start) - 1), np.diff(start))
 
 
-def test_the_sort_is_stable_from_the_order_before() -> None:
-    position = scattered(5000, 0.0, 10.0, 3)
-    columns, bounds = columns_of(position), box("contained", 0.0, 10.0)
-    grid = NeighborGrid(5000, 3, bounds, 1.0)
-    rank = np.arange(5000)
+@pytest.mark.parametrize("count", [5000, MANY])
+def test_the_sort_is_stable_from_the_order_before(count: int) -> None:
+    columns, bounds = columns_of(scattered(count, 0.0, 10.0, 3)), box("contained", 0.0, 10.0)
+    grid = NeighborGrid(count, 3, bounds, 1.0)
+    rank = np.arange(count)
     for seed in (1, 2):
-        columns.write("position", scattered(5000, 0.0, 10.0, 3, seed))
+        position = scattered(count, 0.0, 10.0, 3, seed)
+        columns.write("position", position)
         grid.sort(columns)
         ids, cells = columns.state()["id"][0], cells_of(grid)
-        np.testing.assert_array_equal(np.sort(ids), np.arange(5000))
-        np.testing.assert_array_equal(columns.read("position"), scattered(5000, 0.0, 10.0, 3, seed))
+        np.testing.assert_array_equal(np.sort(ids), np.arange(count))
+        np.testing.assert_array_equal(columns.read("position"), position)
         same_cell = cells[1:] == cells[:-1]
         assert np.all(rank[ids][1:][same_cell] > rank[ids][:-1][same_cell])
-        rank[ids] = np.arange(5000)
+        rank[ids] = np.arange(count)
 
 
+@pytest.mark.parametrize("count", [3000, MANY])
 @pytest.mark.parametrize("kind", ["open", "periodic"])
-def test_the_number_of_tasks_changes_no_byte(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    position = scattered(3000, 0.0, 9.0, 3)
-    position[:1000] *= 0.2  # so that tasks are not alike
+def test_the_number_of_tasks_changes_no_byte(kind: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    side = 0.6 * count ** (1 / 3)
+    position = scattered(count, 0.0, side, 3)
+    position[: count // 3] *= 0.2  # so that tasks are not alike
     results = []
     for tasks in (1, 2, 7):
         monkeypatch.setattr(grid_module, "workers", lambda tasks=tasks: (tasks, 512))
         columns = columns_of(position)
-        lists = NeighborLists(3000, 3, OPEN if kind == "open" else box(kind, 0.0, 9.0), 1.0, 0.2)
+        lists = NeighborLists(count, 3, OPEN if kind == "open" else box(kind, 0.0, side), 0.5, 0.1)
         assert lists.grid.tasks == tasks
         lists.build(columns)
         results.append(

@@ -45,7 +45,7 @@ class Axes:
             unit = part.units.get(name, USUAL_UNITS.get(name, ""))
             if self.scale != 1.0 and unit in LENGTH_UNITS and values.dtype.kind == "f":
                 scale = values.dtype.type(self.scale)
-                values = values / scale if undo else values * scale
+                values = np.divide(values, scale) if undo else np.multiply(values, scale)
             return values
 
         changes: dict[str, object] = {

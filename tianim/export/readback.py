@@ -163,7 +163,8 @@ def _read_usd_frame(geom: Any, prim: Any, code: int) -> ReadBack:
     for name, attribute in (("velocity", "velocities"), ("id", "ids")):
         if prim.GetAttribute(attribute).HasAuthoredValue():
             data["vertex"][name] = get(attribute)
-    position, cells = get("points").reshape(-1, 3), None
+    position: Array = get("points").reshape(-1, 3)
+    cells: Array | None = None
     if prim.IsA(geom.Mesh):
         cells = get("faceVertexIndices").reshape(-1, 3)
     elif prim.IsA(geom.BasisCurves):

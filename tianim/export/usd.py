@@ -169,7 +169,7 @@ class _Prim:
         elif name == "id" and values.ndim == 1 and values.dtype.kind in "iu" and self._kind == "points":
             attribute, values = self._geometry.CreateIdsAttr(), values.astype(np.int64)
         elif per_point and name == "radius" and values.ndim == 1 and self._kind != "triangles":
-            attribute, values = self._geometry.CreateWidthsAttr(), values * np.float32(2.0)
+            attribute, values = self._geometry.CreateWidthsAttr(), np.multiply(values, np.float32(2.0))
             self._geometry.SetWidthsInterpolation("vertex")
         else:
             values = values.astype(SMALLER_TYPES.get(values.dtype.str[1:], values.dtype.str[1:]), copy=False)

@@ -133,7 +133,7 @@ class Backdrop:
     def __init__(self, preset: Preset, width: int, height: int) -> None:
         self._preset, self._width, self._height = preset, width, height
         self._key: tuple[float, float] | None = None
-        self._still = np.zeros((height, width, 3), np.float32)
+        self._still: Float = np.zeros((height, width, 3), np.float32)
         shafts = preset is PRESETS["water"]
         self._shafts = _Shafts(width, height) if shafts else None
 

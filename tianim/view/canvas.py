@@ -134,7 +134,7 @@ class Canvas:
     def _find_shade(self, geometry: Geometry, camera: Float, light: Light) -> None:
         """Fill the buffer of corners and cast shadows."""
         shadow.scene_depth(self._depth, self._key, camera, light.stage)
-        casters = np.full((1, 1), layout.FAR, np.float32)
+        casters: Float = np.full((1, 1), layout.FAR, np.float32)
         if light.sun is not None:
             self._see(self._shadow, geometry, light.sun)
             casters = self._casters()

@@ -67,6 +67,7 @@ def flock(
     species_aware: ti.template(),
     topological: ti.template(),
     sighted: ti.template(),
+    alike: ti.template(),
     k: ti.i32,
     rules: f32_2d,
     interactions: f32_2d,
@@ -137,15 +138,20 @@ def flock(
                                 dz = scratch[2, j] - zi
                             r2 = dx * dx + dy * dy + dz * dz
                             other = ti.select((j < end) & (j != me), 1.0, 0.0)
-                            ws = ti.select(r2 < rs, other, 0.0)
-                            wa = ti.select(r2 < ra, other, 0.0)
-                            wc = ti.select(r2 < rc, other, 0.0)
+                            ahead = 0.0
                             if ti.static(sighted):
                                 ahead = dx * hx + dy * hy + dz * hz
                                 ahead *= ti.abs(ahead)
+                            ws = ti.select(r2 < rs, other, 0.0)
+                            if ti.static(sighted):
                                 ws = ti.select(ahead >= vs * r2, ws, 0.0)
-                                wa = ti.select(ahead >= va * r2, wa, 0.0)
-                                wc = ti.select(ahead >= vc * r2, wc, 0.0)
+                            wa, wc = ws, ws
+                            if ti.static(not alike):
+                                wa = ti.select(r2 < ra, other, 0.0)
+                                wc = ti.select(r2 < rc, other, 0.0)
+                                if ti.static(sighted):
+                                    wa = ti.select(ahead >= va * r2, wa, 0.0)
+                                    wc = ti.select(ahead >= vc * r2, wc, 0.0)
                             if ti.static(species_aware):
                                 pair = kind * kinds + ti.cast(scratch[6, j], ti.i32)
                                 pair = ti.min(ti.max(pair, 0), kinds * kinds - 1)

@@ -98,14 +98,20 @@ def integrate(
         if has_external == 1:
             a += column(external, i)
         old = column(v, i)
-        new = turned(old, old + dt * a, dt * rules[kind, MAX_TURN_RATE])
+        new = old + dt * a
+        angle = dt * rules[kind, MAX_TURN_RATE]
+        if angle < 3.14159:
+            new = turned(old, new, angle)
         speed = new.norm()
         allowed = ti.min(ti.max(speed, rules[kind, MIN_SPEED]), rules[kind, MAX_SPEED])
         if speed > TINY:
             new *= allowed / speed
         if ti.static(dimension == 3):
-            right, up = level_axes(new / ti.max(allowed, TINY))
-            wanted = a.dot(right) / ti.max(GRAVITY + a.dot(up), 1e-3)
+            # a . right and g + a . up, both times the level speed: no axes to be made and divided.
+            level = ti.sqrt(new.x * new.x + new.z * new.z)
+            per_speed = 1.0 / ti.max(allowed, TINY)
+            rise = GRAVITY * level + a.y * allowed - a.dot(new) * new.y * per_speed
+            wanted = (a.x * new.z - a.z * new.x) / ti.max(rise, 1e-3 * level + TINY)
             wanted = ti.min(ti.max(wanted, -rules[kind, MAX_LEAN]), rules[kind, MAX_LEAN])
             lean[0, i] += (wanted - lean[0, i]) * dt / (dt + rules[kind, BANK_TIME])
         p = column(x, i) + dt * new

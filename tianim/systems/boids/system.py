@@ -35,6 +35,7 @@ from tianim.systems.boids.tables import (
     BehaviourTables,
     all_tables,
     interaction_table,
+    is_alike,
     is_sighted,
     largest_radius,
 )
@@ -133,7 +134,7 @@ class Boids(Swarm):
         if now is not self._packed:
             self._rules.from_numpy(all_tables(now, self.names))
             self.grid.resize(largest_radius(now, self.world.bounds))
-            self._sighted = is_sighted(now)
+            self._sighted, self._alike = is_sighted(now), is_alike(now)
             self._packed = now
             self._behaviours_packed = False
         if self.behaviours.count and not self._behaviours_packed:
@@ -151,7 +152,7 @@ class Boids(Swarm):
         neighbourhood, grid, columns = self.params.neighbourhood, self.grid, self.columns
         topological = isinstance(neighbourhood, Topological)
         flock(
-            self.params.dimension, len(self.names) > 1, topological, self._sighted,
+            self.params.dimension, len(self.names) > 1, topological, self._sighted, self._alike,
             neighbourhood.k if isinstance(neighbourhood, Topological) else 0,
             self._rules, self._interactions, columns["species"],
             grid.shape, grid.geometry, grid.start, columns["position"], columns["velocity"],

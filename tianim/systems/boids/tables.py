@@ -78,6 +78,14 @@ def is_sighted(params: BoidsParams) -> bool:
     return any(r.field_of_view < 360.0 for s in species for r in (s.separation, s.alignment, s.cohesion))
 
 
+def is_alike(params: BoidsParams) -> bool:
+    """Whether the three rules of each species have the same radius and view: one test a pair for all."""
+    return all(
+        len({(r.radius, r.field_of_view) for r in (s.separation, s.alignment, s.cohesion)}) == 1
+        for s in params.all_species().values()
+    )
+
+
 def interaction_table(params: BoidsParams) -> Table:
     """Factors (separation, alignment, cohesion) of species pair s * n + other, shape (n * n, 3)."""
     names = list(params.all_species())

@@ -91,6 +91,15 @@ class Params(BaseModel):
     def _is_constant(self) -> bool:
         return not any(_has_keyframes(getattr(self, name)) for name in type(self).model_fields)
 
+    def __eq__(self, other: object) -> bool:
+        # pydantic's own comparison takes in what was cached, arrays among it.
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
+
     def at(self, time: float) -> Self:
         """This, with every keyframed field replaced by its value at `time` [s]."""
         if self._is_constant:

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
-from tianim.params import Animated, Count, Degrees, Name, NonNegative, Params, Positive
+from tianim.params import Animated, Count, Degrees, Keyframes, Name, NonNegative, Params, Positive
+from tianim.spatial.grid import NARROWEST
 from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, own_count
 from tianim.system import Bounds, SystemParams
 from tianim.systems.boids.behaviours import (
@@ -33,6 +34,12 @@ class Rule(Params):
     radius: Animated[NonNegative] = Field(1.0, description="minds boids within this [m]; 0: the rule is off")
     weight: Animated[NonNegative] = Field(1.0, description="strength")
     field_of_view: Animated[Degrees] = Field(360.0, description="full angle seen, about the heading [deg]")
+
+    def largest_radius(self) -> float:
+        """The radius [m], the largest of its keys where it is keyframed."""
+        if isinstance(self.radius, Keyframes):
+            return max(radius for _, radius in self.radius.keys)
+        return self.radius
 
 
 class Metric(Params):
@@ -137,7 +144,8 @@ class BoidsParams(Species, SystemParams):
         return self.time_step
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
-        """Names of targets exist, bounds are there where asked for; ValueError says which is not."""
+        """Names of targets exist, bounds are there and wide enough; ValueError says which is not."""
+        self._check_width(bounds)
         for name, species in self.all_species().items():
             for k, behaviour in enumerate(species.behaviours):
                 target = getattr(behaviour, "target", None)
@@ -151,6 +159,21 @@ class BoidsParams(Species, SystemParams):
                     and bounds.kind != "contained"
                 ):
                     raise ValueError(f"{place}: containment needs a size, or bounds of kind contained")
+
+    def _check_width(self, bounds: Bounds) -> None:
+        """A periodic box must not be so narrow that a boid meets another twice."""
+        if bounds.kind != "periodic" or bounds.lower is None or bounds.upper is None:
+            return
+        reach = max(
+            rule.largest_radius()
+            for species in self.all_species().values()
+            for rule in (species.separation, species.alignment, species.cohesion)
+        )
+        width = min(bounds.upper[axis] - bounds.lower[axis] for axis in range(self.dimension))
+        if width < NARROWEST * reach:
+            raise ValueError(
+                f"a rule's radius of {reach:g} m: periodic bounds must be {NARROWEST:g} radii wide, not {width:g} m"
+            )
 
     @model_validator(mode="after")
     def _names_exist(self) -> Self:

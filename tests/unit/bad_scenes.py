@@ -510,7 +510,7 @@ BODIES = (
     ),
     BadScene(
         "start file of another length",
-        (r"systems\.boids: count 10: the start has 1 points",),
+        (r"systems\.boids: count 10: must be 1,",),
         with_boids("start: {kind: file, path: start.npz}"),
         setup=points("start.npz", position=[[0.0, 0.0, 1.0]]),
     ),

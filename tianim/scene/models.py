@@ -37,9 +37,9 @@ class _Cornered(Params):
     """A box between two corners."""
 
     lower: Vector3 = Field(
-        description="corner with the smallest coordinates [m]", examples=[[-1.0, -1.0, -1.0]]
+        description="corner with the smallest coordinates [m]", examples=[[-5.0, -5.0, -5.0]]
     )
-    upper: Vector3 = Field(description="corner with the largest coordinates [m]", examples=[[1.0, 1.0, 1.0]])
+    upper: Vector3 = Field(description="corner with the largest coordinates [m]", examples=[[5.0, 5.0, 5.0]])
 
     @model_validator(mode="after")
     def _lower_is_below_upper(self) -> Self:

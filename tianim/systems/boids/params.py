@@ -172,7 +172,8 @@ class BoidsParams(Species, SystemParams):
         width = min(bounds.upper[axis] - bounds.lower[axis] for axis in range(self.dimension))
         if width < NARROWEST * reach:
             raise ValueError(
-                f"a rule's radius of {reach:g} m: periodic bounds must be {NARROWEST:g} radii wide, not {width:g} m"
+                f"a rule's radius is {reach:g} m: periodic bounds must be at least {NARROWEST:g} radii wide, "
+                f"not {width:g} m"
             )
 
     @model_validator(mode="after")

@@ -19,7 +19,7 @@ title: A few boids
 seed: 7
 fps: 25
 duration: 1e1
-bounds: {kind: periodic, lower: [-1, -1, -1], upper: [1.5, 1e0, 2.5e-1]}
+bounds: {kind: periodic, lower: [-4, -4, -4], upper: [1.5, 1e0, 2.5e-1]}
 systems:
   boids:
     kind: boids
@@ -31,7 +31,7 @@ title = "A few boids"
 seed = 7
 fps = 25
 duration = 1e1
-bounds = {kind = "periodic", lower = [-1, -1, -1], upper = [1.5, 1e0, 2.5e-1]}
+bounds = {kind = "periodic", lower = [-4, -4, -4], upper = [1.5, 1e0, 2.5e-1]}
 [systems.boids]
 kind = "boids"
 count = 1e2
@@ -42,7 +42,7 @@ DATA = {
     "seed": 7,
     "fps": 25,
     "duration": 10,
-    "bounds": {"kind": "periodic", "lower": [-1, -1, -1], "upper": [1.5, 1, 0.25]},
+    "bounds": {"kind": "periodic", "lower": [-4, -4, -4], "upper": [1.5, 1, 0.25]},
     "systems": {"boids": {"kind": "boids", "count": 100}},
 }
 

@@ -29,6 +29,7 @@ from tianim.systems.boids.tables import (
 GRAVITY = 9.81  # against which a boid banks [m/s2]
 # Sums are made over this many fixed pieces, so that they do not depend on the number of threads.
 PIECES = 64
+SIZE_BITS, INFINITY_BITS = 0x7FFFFFFF, 0x7F800000  # of a float32: all but the sign, and infinity
 # Unit velocity (3), speed, its maximum, place (3).
 SUMS = 8
 
@@ -165,15 +166,17 @@ def first_fault(n: ti.i32, bound: ti.f32, identity: i32_2d, x: f32_2d, v: f32_2d
     """fault[0]: the lowest id that is not finite, fault[1]: that is farther than `bound` [m]; n: none."""
     fault[0] = n
     fault[1] = n
+    # Fast arithmetic may assume that there is no NaN; the bits of sizes are in their order, NaN last.
+    most = ti.bit_cast(bound, ti.i32)
     for i in range(n):
+        worst = 0
         for c in ti.static(range(3)):
-            size = ti.max(ti.abs(x[c, i]), ti.abs(v[c, i]))
-            # Fast arithmetic may assume that there is no NaN: look at the exponent's bits.
-            for value in ti.static((x[c, i], v[c, i])):
-                if ti.bit_cast(value, ti.i32) & 0x7F800000 == 0x7F800000:
-                    ti.atomic_min(fault[0], identity[0, i])
-            if size > bound:
-                ti.atomic_min(fault[1], identity[0, i])
+            worst = ti.max(worst, ti.bit_cast(x[c, i], ti.i32) & SIZE_BITS)
+            worst = ti.max(worst, ti.bit_cast(v[c, i], ti.i32) & SIZE_BITS)
+        if worst >= INFINITY_BITS:
+            ti.atomic_min(fault[0], identity[0, i])
+        elif worst > most:
+            ti.atomic_min(fault[1], identity[0, i])
 
 
 @ti.kernel

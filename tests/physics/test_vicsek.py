@@ -6,8 +6,9 @@ from checks import as_tests, assert_passes
 from numpy.typing import NDArray
 
 from tianim.math.random import ULP, words_numpy
-from tianim.system import Bounds
-from tianim.systems.boids.vicsek import VicsekParams
+from tianim.spatial.bodies import Bodies
+from tianim.system import Bounds, World
+from tianim.systems.boids.vicsek import Vicsek, VicsekParams
 from tianim.validate import CASES, Case
 from tianim.validate.build import built
 
@@ -73,3 +74,17 @@ def test_without_noise_order_is_complete() -> None:
 def test_bounds_that_do_not_fit_are_refused(bounds: Bounds, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         VicsekParams(count=10).check_scene(bounds, (), ())
+
+
+def test_starts_from_a_file(tmp_path):
+    """Places and headings of a file are taken over, the speed is the model's."""
+    rng = np.random.default_rng(5)
+    position = np.zeros((20, 3), np.float32)
+    position[:, :2] = rng.uniform(0, 5, (20, 2))
+    angle = rng.uniform(-np.pi, np.pi, 20)
+    heading = np.stack([np.cos(angle), np.sin(angle), np.zeros(20)], axis=1).astype(np.float32)
+    np.savez(tmp_path / "start.npz", position=position, velocity=7.0 * heading)
+    params = VicsekParams(count=20, speed=0.03, start={"kind": "file", "path": str(tmp_path / "start.npz")})
+    system = Vicsek("vicsek", params, World(Bounds("periodic", (0, 0, -1), (5, 5, 1)), Bodies({}), 1))
+    np.testing.assert_array_equal(system.read("position"), position)
+    np.testing.assert_allclose(system.read("velocity"), 0.03 * heading, atol=1e-8)

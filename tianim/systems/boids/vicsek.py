@@ -13,29 +13,41 @@ from collections.abc import Collection
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from typing_extensions import Self
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import uniform
 from tianim.params import Animated, Count, Positive
 from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded, slice_of
+from tianim.spatial.placement import Placement, RandomHeading, check_start, place
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.params import BYTES_PER_BOID, SECONDS_PER_BOID_STEP, SECONDS_PER_STEP
 from tianim.systems.boids.swarm import Swarm
 
 
 class VicsekParams(SystemParams):
-    """Self-propelled particles after Vicsek 1995, spread evenly over the periodic bounds."""
+    """Self-propelled particles after Vicsek 1995, in periodic bounds."""
 
     kind: Literal["vicsek"] = "vicsek"
     count: Count = Field(description="how many")
+    start: Placement | None = Field(
+        None, description="where they start, and how they head if a file says; left out: all over the bounds"
+    )
     radius: Positive = Field(1.0, description="minds particles within this [m]")
     speed: Positive = Field(0.9, description="speed of all [m/s]")
     noise: Animated[Annotated[float, Field(ge=0, le=7)]] = Field(
         1.0, description="width eta of the noise [rad]"
     )
     time_step: Positive = Field(1 / 30, description="one application of the law [s]")
+
+    @model_validator(mode="after")
+    def _start_fits(self) -> Self:
+        if self.start is not None:
+            check_start(self.count, self.start, RandomHeading())
+        return self
 
     def particle_count(self) -> int:
         """All of them."""
@@ -131,11 +143,19 @@ class Vicsek(Swarm):
         self._bounds = ti.ndarray(ti.f32, (2, 3))
         corners = np.array([world.bounds.lower, world.bounds.upper], np.float32)
         self._bounds.from_numpy(corners)
-        rng = np.random.default_rng(world.seed)
+        self._place(np.random.default_rng(world.seed), corners)
+
+    def _place(self, rng: np.random.Generator, corners: NDArray[np.float32]) -> None:
+        """All over the bounds in every direction, or as `start` says."""
         position, velocity = np.zeros((2, self.count, 3), np.float32)
         position[:, :2] = corners[0, :2] + rng.random((self.count, 2)) * (corners[1] - corners[0])[:2]
         angle = rng.uniform(-np.pi, np.pi, self.count)
-        velocity[:, :2] = params.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        if self.params.start is not None:
+            placed = place(self.params.start, self.count, rng, 2)
+            position = placed.position
+            if placed.velocity is not None:
+                angle = np.arctan2(placed.velocity[:, 1], placed.velocity[:, 0])
+        velocity[:, :2] = self.params.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         self.columns.write("position", self.inside(position))
         self.columns.write("velocity", velocity)
 

@@ -58,10 +58,16 @@ def flock_scene(n: int, dim: int, neighbourhood: Mapping[str, Any], steps_a_fram
     }
 
 
-def flock(task: Task, neighbourhood: Mapping[str, Any], steps_a_frame: int = 1) -> Simulation:
-    """The flock of a task, ready to step; starts the compiler."""
+def flock(
+    task: Task,
+    neighbourhood: Mapping[str, Any],
+    steps_a_frame: int = 1,
+    output: Mapping[str, Any] | None = None,
+) -> Simulation:
+    """The flock of a task, ready to step; starts the compiler. `output` as in a scene."""
     runtime.start(threads=task.threads)
-    return build(scene_from(flock_scene(task.n, task.dim, neighbourhood, steps_a_frame)))
+    scene = flock_scene(task.n, task.dim, neighbourhood, steps_a_frame)
+    return build(scene_from({**scene, "output": dict(output or {})}))
 
 
 class Flock:

@@ -16,6 +16,7 @@ from tianim.view.painter import Painter
 # Of each way; two frames of the slower rhythm.
 STEPS = 16
 STEPS_A_FRAME = 8
+FIELDS = ("velocity", "id")  # as in configs/boids_million.yaml
 # Frames written before the clock starts: the writer's buffers are then as full as they stay.
 FRAMES_BEFORE = 2
 
@@ -29,7 +30,8 @@ class Export(Flock):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self._simulations = {
-            steps: flock(task, self.neighbourhood, steps_a_frame=steps) for steps in (1, STEPS_A_FRAME)
+            steps: flock(task, self.neighbourhood, steps, {"fields": list(FIELDS)})
+            for steps in (1, STEPS_A_FRAME)
         }
         self._starts = {steps: simulation.state() for steps, simulation in self._simulations.items()}
 
@@ -49,7 +51,7 @@ class Export(Flock):
     def _with_frames(self, steps_a_frame: int, written: bool) -> Round:
         simulation = self._simulations[steps_a_frame]
         simulation.restore(self._starts[steps_a_frame])
-        options = OutputOptions(fields=("velocity", "id"))
+        options = OutputOptions(fields=FIELDS)
         with (
             tempfile.TemporaryDirectory(prefix="tianim-bench-") as folder,
             open_exporters(Path(folder), (), options, simulation.fps) as writer,

@@ -25,7 +25,7 @@ are held relative to it and cells at the lower side relative to that, which is e
 
 A kernel that walks:
 
-    for task in range(tasks(shape)):                       # see `boids.py`
+    for task in range(tasks(shape)):                       # see `flock` in systems/boids
         for row in range(first_row(...), first_row(...)):
             gather the tube, then for each cell of the row, for each particle i of the cell:
                 for j in range(begin, begin + rounded): test and use scratch[:, j]

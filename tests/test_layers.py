@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "tianim"
 
-PLAIN = {"errors", "lang", "params", "frame"}
+PLAIN = {"buffers", "errors", "lang", "params", "frame"}
 PHYSICS = PLAIN | {"math", "spatial", "system"}
 # The command line and what runs a scene for it; they know everything but single systems.
 PROGRAM = {
@@ -26,6 +26,7 @@ PROGRAM = {
     "view",
 }
 ALLOWED = {
+    "buffers": set(),
     "errors": set(),
     "frame": set(),
     "lang": {"errors"},

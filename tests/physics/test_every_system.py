@@ -77,6 +77,17 @@ def test_one_thread_and_two_give_the_same_bytes(kind: str, on_one_thread: dict[s
 
 
 @every_example
+def test_diagnostics_are_of_now(kind: str, example: Example) -> None:
+    system = run(make(kind, example), 2)
+    system.check()
+    system.diagnostics()  # what was measured here must not be told again
+    run(system, 2, first=2)
+    fresh = make(kind, example)
+    fresh.restore({name: np.array(array) for name, array in system.state().items()})
+    assert dict(system.diagnostics()) == dict(fresh.diagnostics())
+
+
+@every_example
 def test_a_restored_state_goes_on_as_if_never_stopped(kind: str, example: Example) -> None:
     system = run(make(kind, example), 6)
     saved = {name: np.array(array) for name, array in system.state().items()}

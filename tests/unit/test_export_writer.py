@@ -1,6 +1,7 @@
 """Writing beside the simulation: the process, its errors, its end, and what it may not load."""
 
 import errno
+import gc
 import json
 import os
 import shutil
@@ -11,11 +12,13 @@ import textwrap
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tianim import buffers
 from tianim.errors import FormatError, OutputError
 from tianim.export import (
     FORMATS,
@@ -25,9 +28,10 @@ from tianim.export import (
     files,
     open_exporters,
     read_vtu,
+    shared,
     writer,
 )
-from tianim.export.shared import new_memory, pack, size_of, unpack
+from tianim.export.shared import map_memory, pack, unpack
 from tianim.frame import Frame, Lines, Mesh, Points
 
 FPS = 30.0
@@ -111,22 +115,34 @@ def test_arrays_are_free_after_write(tmp_path: Path) -> None:
     assert [float(one.parts[0].position.max()) for one in RunFrames(tmp_path)] == [0.0, 1.0, 2.0, 3.0]
 
 
+def test_arrays_in_shared_memory_are_handed_over_and_can_no_longer_be_changed(tmp_path: Path) -> None:
+    count = buffers.SMALLEST // 12 + 1
+    with open_exporters(tmp_path, (), OutputOptions(), FPS) as out:
+        for index in range(5):
+            position = buffers.new_array((count, 3), np.float32)
+            position[:] = index
+            out.write(Frame(index, index / FPS, (Points("boids", position),)))
+            with pytest.raises(ValueError, match="read-only"):
+                position[0] = -1.0
+    found = [one.parts[0].position for one in RunFrames(tmp_path)]
+    assert all((one == index).all() and one.shape == (count, 3) for index, one in enumerate(found))
+
+
 def test_frames_may_grow_and_memory_stays_bounded(tmp_path: Path) -> None:
+    large = buffers.SMALLEST // 28 + 1
+    gc.collect()
+    before = len(buffers._held)
     with open_exporters(tmp_path, (), OutputOptions(), FPS) as out:
         for index in range(12):
-            out.write(cloud(index, LARGE * (1 + index % 3)))
-        remote = out._remote
-        assert remote is not None
-        sizes = [len(memory) for memory in remote._memory if memory is not None]
-        largest = size_of(cloud(0, LARGE * 3))
-        assert len(sizes) == writer.SLOTS
-        assert all(size <= writer.GROWTH * largest + 1 for size in sizes)
+            out.write(cloud(index, large * (1 + index % 3)))
+            # One copy of each frame under way.
+            assert len(buffers._held) <= before + writer.SLOTS
+            assert len(buffers._spare) <= buffers.SPARE
     assert len(RunFrames(tmp_path)) == 12
+    assert len(buffers._held) == before
 
 
-def test_every_part_survives_the_shared_memory() -> None:
-    import mmap
-
+def test_every_part_survives_the_shared_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(0)
     position = random.random((5, 3)).astype(np.float32)
     empty = np.zeros((0, 3), np.float32)
@@ -146,11 +162,19 @@ def test_every_part_survives_the_shared_memory() -> None:
             Lines("d", position, np.array([[0, 1]], np.int32), {}, {"t": np.ones(1)}, {"t": "N"}),
         ),
     )
-    descriptor = new_memory(size_of(frame))
-    memory = mmap.mmap(descriptor, 0)
-    os.close(descriptor)
-    again = unpack(pack(frame, memory), memory)
-    assert repr(again) == repr(frame)
+    # With arrays of these sizes, one lies in shared memory, the others are copied there or stay.
+    for smallest, count in ((1, 2), (40, 2), (1 << 20, 0)):
+        monkeypatch.setattr(buffers, "SMALLEST", smallest)
+        monkeypatch.setattr(shared, "SMALLEST", smallest)
+        own = buffers.new_array((5, 3), np.float32)
+        own[:] = position
+        parcel = pack(replace(frame, parts=(*frame.parts, Points("e", own[1:], {"x": own[:, 0]}))))
+        assert len(parcel.buffers) == count
+        memories = [map_memory(os.dup(buffer.descriptor)) for buffer in parcel.buffers]
+        again = unpack(parcel.skeleton, memories)
+        assert repr(again.parts[:-1]) == repr(frame.parts)
+        assert (again.parts[-1].position == position[1:]).all()
+        assert (again.parts[-1].data["x"] == position[:, 0]).all()
 
 
 def write_all(

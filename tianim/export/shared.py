@@ -1,21 +1,19 @@
-"""Frames in memory that two processes share: copied in by one, seen in place by the other.
+"""A frame on its way to another process: its arrays stay where they are and are seen from there.
 
-A frame travels as its skeleton, in which a `Place` in the shared memory stands for each array.
-The memory has no name (memfd, or a deleted file where there is none): it goes when the last
-process that has it goes, however that ends.
+A frame travels as its skeleton, in which a `Place` stands for each array, and the buffers that
+these lie in (`tianim.buffers`). Arrays that lie elsewhere are copied into a buffer of their own.
 """
 
 import mmap
 import os
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tianim.export.files import os_errors
+from tianim.buffers import SMALLEST, Buffer, buffer_of, new_array
 from tianim.export.parts import map_arrays
 from tianim.frame import Array, Frame
 
@@ -25,67 +23,91 @@ ALIGNMENT = 64
 
 @dataclass(frozen=True)
 class Place:
-    """Where an array lies in shared memory."""
+    """Where an array lies: which of the parcel's buffers, and where in it [bytes]."""
 
+    buffer: int
     offset: int
     shape: tuple[int, ...]
     dtype: str
 
 
-def new_memory(size: int) -> int:
-    """A descriptor of `size` bytes of memory to share; OutputError where there is not so much."""
-    with os_errors(Path("buffers for frames")):
-        if hasattr(os, "memfd_create"):
-            descriptor = os.memfd_create("tianim-frame")
-        else:
-            with tempfile.TemporaryFile() as file:
-                descriptor = os.dup(file.fileno())
-        os.ftruncate(descriptor, size)
-        if hasattr(os, "posix_fallocate"):
-            # Now, so that a lack of memory is an error here and not a fatal signal while copying.
-            os.posix_fallocate(descriptor, 0, size)
-    return descriptor
+@dataclass(frozen=True)
+class Parcel:
+    """A packed frame: its skeleton and buffers. While it is held, the buffers keep their contents."""
+
+    skeleton: Frame
+    buffers: tuple[Buffer, ...]
+    contents: tuple[Array, ...]
 
 
-def size_of(frame: Frame) -> int:
-    """Bytes of shared memory that `pack` needs."""
+def pack(frame: Frame) -> Parcel:
+    """Pack `frame`: arrays that can be shared become read-only, the others are copied.
+
+    What is small in all, or finds no shared memory, travels within the skeleton.
+    """
+    room = new_array((_unshared_bytes(frame),), np.uint8)
     end = 0
-
-    def add(values: Array) -> Array:
-        nonlocal end
-        end = _aligned(end) + values.nbytes
-        return values
-
-    _map_frame(frame, add)
-    return max(end, 1)
-
-
-def pack(frame: Frame, memory: mmap.mmap) -> Frame:
-    """Copy the arrays of `frame` into `memory`; gives the skeleton to send."""
-    end = 0
+    buffers: list[Buffer] = []
+    contents: list[Array] = []
 
     def place(values: Array) -> Array:
         nonlocal end
-        where = Place(_aligned(end), values.shape, values.dtype.str)
-        np.copyto(_view(memory, where), values)
-        end = where.offset + values.nbytes
-        return cast(Array, where)
+        if not _shared(values):
+            if buffer_of(room) is None:
+                return values
+            copied = room[end : end + values.nbytes].view(values.dtype).reshape(values.shape)
+            np.copyto(copied, values)
+            end += _padded(values.nbytes)
+            values = copied
+        values.flags.writeable = False
+        buffer, offset = cast(tuple[Buffer, int], buffer_of(values))
+        if buffer not in buffers:
+            buffers.append(buffer)
+        contents.append(values)
+        return cast(Array, Place(buffers.index(buffer), offset, values.shape, values.dtype.str))
 
-    return _map_frame(frame, place)
+    return Parcel(_map_frame(frame, place), tuple(buffers), tuple(contents))
 
 
-def unpack(skeleton: Frame, memory: mmap.mmap) -> Frame:
-    """The frame whose arrays lie in `memory`: valid until the next `pack` into it."""
-    return _map_frame(skeleton, lambda where: _view(memory, cast(Place, where)))
+def unpack(skeleton: Frame, memories: Sequence[mmap.mmap]) -> Frame:
+    """The frame whose arrays lie in `memories`: valid while the parcel is held."""
+
+    def view(where: Any) -> Array:
+        if not isinstance(where, Place):
+            return cast(Array, where)
+        count = int(np.prod(where.shape))
+        values: NDArray[Any] = np.frombuffer(memories[where.buffer], where.dtype, count, where.offset)
+        return values.reshape(where.shape)
+
+    return _map_frame(skeleton, view)
 
 
-def _aligned(offset: int) -> int:
-    return -(-offset // ALIGNMENT) * ALIGNMENT
+def map_memory(descriptor: int) -> mmap.mmap:
+    """The memory behind a descriptor, for reading; the descriptor is closed."""
+    try:
+        return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
+    finally:
+        os.close(descriptor)
 
 
-def _view(memory: mmap.mmap, where: Place) -> Array:
-    count = int(np.prod(where.shape))
-    return np.frombuffer(memory, where.dtype, count, where.offset if count else 0).reshape(where.shape)
+def _shared(values: Array) -> bool:
+    return values.nbytes >= SMALLEST and values.flags.c_contiguous and buffer_of(values) is not None
+
+
+def _unshared_bytes(frame: Frame) -> int:
+    total = 0
+
+    def add(values: Array) -> Array:
+        nonlocal total
+        total += 0 if _shared(values) else _padded(values.nbytes)
+        return values
+
+    _map_frame(frame, add)
+    return total
+
+
+def _padded(size: int) -> int:
+    return -(-size // ALIGNMENT) * ALIGNMENT
 
 
 def _map_frame(frame: Frame, function: Callable[[Array], Array]) -> Frame:

@@ -1,21 +1,21 @@
 """Writing that does not hold the simulation up: a process of its own, fed through shared memory.
 
-A thread would not do: kernel launches hold Python's interpreter lock. Large frames are copied
-into one of two shared buffers and written by a spawned process while the simulation goes on;
-when both are full the simulation waits, so memory stays bounded. Small frames are written at
-once where they are: a process takes 0.3 s to start and its copies cost more than the writing.
+A thread would not do: kernel launches hold Python's interpreter lock. Large frames are handed to
+a spawned process, which sees their arrays in shared memory and writes them while the simulation
+goes on; with two under way the simulation waits, so memory stays bounded. Small frames are written
+at once where they are: a process takes 0.3 s to start.
 
 The process is started afresh (no fork, no import of the user's script), never loads the
 compiler, ignores Ctrl-C, and ends when this one does: its end of the link closes then.
 An error comes back as OutputError at the next `write`, `wait` or at the end.
 """
 
-import mmap
 import os
 import pickle
 import signal
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -29,17 +29,15 @@ from tianim.errors import OutputError, TianimError
 from tianim.export.exporters import Exporters, Plan, plan_output
 from tianim.export.options import OutputOptions
 from tianim.export.parts import byte_count
-from tianim.export.shared import new_memory, pack, size_of, unpack
+from tianim.export.shared import Parcel, map_memory, pack, unpack
 from tianim.frame import Frame
 
 # Frames of this many bytes go to the process: below, writing takes 2 ms.
 LARGE_FRAME = 4 << 20
 # Text formats take about so many times the time of binary ones.
 TEXT_COST = 100
-# Buffers: one is filled while the other is written.
+# Frames under way: one is written while the next waits for it.
 SLOTS = 2
-# Room for a growing frame, so that a buffer is not made anew for every frame.
-GROWTH = 1.25
 # Seconds that the process may take to end, once it has nothing to do.
 PATIENCE = 60.0
 
@@ -56,7 +54,7 @@ class FrameWriter:
         self._large = LARGE_FRAME // TEXT_COST if is_text else LARGE_FRAME
 
     def write(self, frame: Frame) -> None:
-        """Write `frame`, or hand it over to be written; its arrays are free when this returns.
+        """Write `frame`, or hand it over to be written; arrays handed over become read-only.
 
         Raises FormatError where a format cannot hold it, OutputError where it or one before
         it could not be written.
@@ -136,27 +134,28 @@ class _Remote:
             start_new_session=True,
         )
         theirs.close()
-        self._memory: list[mmap.mmap | None] = [None] * SLOTS
-        self._free = list(range(SLOTS))
+        self._under_way: deque[Parcel] = deque()
         self._failure: TianimError | None = None
         self._send(plan)
 
     def write(self, frame: Frame) -> None:
-        while self._link.poll() or not self._free:
+        while self._link.poll() or len(self._under_way) >= SLOTS:
             self._receive()
-        slot = self._free[0]
-        memory = self._memory_for(slot, size_of(frame))
-        self._send(("frame", slot, pack(frame, memory)))
-        self._free.remove(slot)
+        parcel = pack(frame)
+        self._send(("frame", parcel.skeleton, len(parcel.buffers)))
+        with self._lost_link():
+            for buffer in parcel.buffers:
+                send_handle(self._link, buffer.descriptor, self._process.pid)
+        self._under_way.append(parcel)
 
     def wait(self) -> None:
-        while len(self._free) < SLOTS:
+        while self._under_way:
             self._receive()
         self._raise_failure()
 
     def finish(self) -> None:
         self.wait()
-        self._send(("finish", 0, None))
+        self._send(("finish", None, 0))
         try:
             self._receive()
         except KeyboardInterrupt:
@@ -176,19 +175,6 @@ class _Remote:
             if not isinstance(error, subprocess.TimeoutExpired):
                 raise
 
-    def _memory_for(self, slot: int, size: int) -> mmap.mmap:
-        memory = self._memory[slot]
-        if memory is None or len(memory) < size:
-            descriptor = new_memory(int(size * GROWTH))
-            try:
-                memory = self._memory[slot] = mmap.mmap(descriptor, 0)
-                self._send(("memory", slot, None))
-                with self._lost_link():
-                    send_handle(self._link, descriptor, self._process.pid)
-            finally:
-                os.close(descriptor)
-        return memory
-
     def _send(self, message: object) -> None:
         self._raise_failure()
         with self._lost_link():
@@ -206,7 +192,7 @@ class _Remote:
     def _receive(self) -> None:
         self._raise_failure()
         try:
-            slot, failure = self._link.recv()
+            written, failure = self._link.recv()
         except (EOFError, OSError) as error:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(1.0)
@@ -218,8 +204,8 @@ class _Remote:
         if failure:
             kind, text = failure
             self._failure = getattr(errors, kind)(text)
-        elif slot is not None:
-            self._free.append(slot)
+        elif written:
+            self._under_way.popleft()
         self._raise_failure()
 
     def _raise_failure(self) -> None:
@@ -241,23 +227,17 @@ def serve() -> None:
         except (EOFError, ConnectionError):
             raise
         except TianimError as error:
-            _send(link, (None, (type(error).__name__, str(error))))
+            _send(link, (False, (type(error).__name__, str(error))))
         except Exception as error:
-            _send(link, (None, ("OutputError", f"writing failed: {type(error).__name__}: {error}")))
+            _send(link, (False, ("OutputError", f"writing failed: {type(error).__name__}: {error}")))
 
 
 def _serve_frames(link: Connection) -> None:
     exporters = Exporters(link.recv())
-    memory: dict[int, mmap.mmap] = {}
     while True:
-        order, slot, skeleton = link.recv()
-        if order == "memory":
-            descriptor = recv_handle(link)
-            memory[slot] = mmap.mmap(descriptor, 0)
-            os.close(descriptor)
-        elif order == "frame":
-            exporters.write(unpack(skeleton, memory[slot]))
-            _send(link, (slot, None))
+        order, skeleton, count = link.recv()
+        if order == "frame":
+            exporters.write(unpack(skeleton, [map_memory(recv_handle(link)) for _ in range(count)]))
         else:
             exporters.finish()
-            _send(link, (None, None))
+        _send(link, (order == "frame", None))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tianim.buffers import new_array
 from tianim.lang import CPU_BLOCK, f32_2d, i32_1d, i32_2d, ti, workers
 
 # Floats between the ends of two rows: five cache lines over a multiple of 4 KiB.
@@ -167,7 +168,7 @@ class Columns:
     def read(self, name: str) -> NDArray[Any]:
         """Copy in id order: shape (n,) for one row, (n, rows) for more."""
         rows = abs(self.widths[name])
-        out = np.empty((self.count, rows), self.dtype(name))
+        out = new_array((self.count, rows), self.dtype(name))
         if self.count:
             kernel = to_id_order_f32 if self.widths[name] > 0 else to_id_order_i32
             kernel(self.count, rows, self["id"], self[name], out)

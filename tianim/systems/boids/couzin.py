@@ -210,6 +210,7 @@ class Couzin(Swarm):
 
     def step(self, time: float, dt: float) -> None:
         """Sort, decide, turn and move."""
+        self._measured = False
         if self.count == 0:
             return
         now, grid, columns = self.params.at(time), self.grid, self.columns

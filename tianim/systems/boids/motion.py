@@ -30,8 +30,8 @@ GRAVITY = 9.81  # against which a boid banks [m/s2]
 # Sums are made over this many fixed pieces, so that they do not depend on the number of threads.
 PIECES = 64
 SIZE_BITS, INFINITY_BITS = 0x7FFFFFFF, 0x7F800000  # of a float32: all but the sign, and infinity
-# Unit velocity (3), speed, its maximum, place (3).
-SUMS = 8
+# Unit velocity (3), speed, its maximum, place (3), the bits of the largest component of either.
+SUMS = 9
 
 
 @ti.func
@@ -161,18 +161,22 @@ def orientation(n: ti.i32, identity: i32_2d, v: f32_2d, lean: f32_2d, out: f32_2
             out[identity[0, i], k] = q[k]
 
 
+@ti.func
+def size_bits(value):
+    """The bits of |value|, in the order of sizes, NaN last: fast arithmetic may assume there is none."""
+    return ti.bit_cast(value, ti.i32) & SIZE_BITS
+
+
 @ti.kernel
 def first_fault(n: ti.i32, bound: ti.f32, identity: i32_2d, x: f32_2d, v: f32_2d, fault: i32_1d):
     """fault[0]: the lowest id that is not finite, fault[1]: that is farther than `bound` [m]; n: none."""
     fault[0] = n
     fault[1] = n
-    # Fast arithmetic may assume that there is no NaN; the bits of sizes are in their order, NaN last.
-    most = ti.bit_cast(bound, ti.i32)
+    most = size_bits(bound)
     for i in range(n):
         worst = 0
         for c in ti.static(range(3)):
-            worst = ti.max(worst, ti.bit_cast(x[c, i], ti.i32) & SIZE_BITS)
-            worst = ti.max(worst, ti.bit_cast(v[c, i], ti.i32) & SIZE_BITS)
+            worst = ti.max(worst, size_bits(x[c, i]), size_bits(v[c, i]))
         if worst >= INFINITY_BITS:
             ti.atomic_min(fault[0], identity[0, i])
         elif worst > most:
@@ -181,18 +185,21 @@ def first_fault(n: ti.i32, bound: ti.f32, identity: i32_2d, x: f32_2d, v: f32_2d
 
 @ti.kernel
 def sums(n: ti.i32, stride: ti.i32, x: f32_2d, v: f32_2d, out: f64_2d):
-    """Sums over fixed pieces of the boids: unit velocity (3), speed, its maximum, place (3)."""
+    """Sums and maxima over fixed pieces of the boids, as SUMS says."""
     for block in range(PIECES * stride):
         if block % stride == 0:
             piece = block // stride
             total = ti.Vector([0.0] * SUMS, ti.f64)
+            worst = 0
             for i in range(share(n, piece, PIECES), share(n, piece + 1, PIECES)):
                 velocity = column(v, i)
                 speed = velocity.norm()
                 for c in ti.static(range(3)):
                     total[c] += velocity[c] / ti.max(speed, TINY)
                     total[5 + c] += x[c, i]
+                    worst = ti.max(worst, size_bits(x[c, i]), size_bits(velocity[c]))
                 total[3] += speed
                 total[4] = ti.max(total[4], speed)
+            total[8] = worst
             for k in ti.static(range(SUMS)):
                 out[piece, k] = total[k]

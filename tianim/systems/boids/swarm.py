@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tianim.buffers import new_array
 from tianim.errors import BlowupError, SceneError
 from tianim.frame import Points
 from tianim.lang import ti, workers
@@ -15,6 +16,7 @@ from tianim.systems.boids.motion import PIECES, SUMS, first_fault, orientation, 
 
 # Farther than this from the origin [m] a float32 position is coarser than a metre.
 ESCAPE = 1e7
+ESCAPE_BITS = int(np.float32(ESCAPE).view(np.int32))
 SETTABLE = ("position", "velocity", "lean")
 
 
@@ -28,8 +30,11 @@ class Swarm:
         self.name, self.count, self.dimension, self.world = name, count, dimension, world
         self.columns = Columns(count, {"position": 3, "velocity": 3, "lean": 1, **more})
         self.parts: dict[str, tuple[int, int]] = {name: (0, count)}
+        self._ids = new_array((count,), np.int32)
+        self._ids[:] = np.arange(count)
         self._fault = ti.ndarray(ti.i32, 2)
         self._sums = np.zeros((PIECES, SUMS))
+        self._measured = False  # whether the sums are of now: a step says no
 
     def inside(self, position: NDArray[np.float32]) -> NDArray[np.float32]:
         """Positions brought into the bounds: wrapped where periodic, clamped where contained."""
@@ -57,7 +62,7 @@ class Swarm:
         if self.world.wants("orientation"):
             data["orientation"] = self._orientation()
         if self.world.wants("id"):
-            data["id"] = np.arange(self.count, dtype=np.int32)
+            data["id"] = self._ids
         parts = []
         for name, (first, count) in self.parts.items():
             own = slice(first, first + count)
@@ -68,7 +73,7 @@ class Swarm:
         return tuple(parts)
 
     def _orientation(self) -> NDArray[np.float32]:
-        turn = np.zeros((self.count, 4), np.float32)
+        turn = new_array((self.count, 4), np.float32)
         if self.count:
             orientation(self.count, self.columns["id"], self.columns["velocity"], self.columns["lean"], turn)
         return turn
@@ -78,15 +83,25 @@ class Swarm:
         names = ("polarisation", "mean_speed", "max_speed", "centre_x", "centre_y", "centre_z")
         if self.count == 0:
             return dict.fromkeys(names, 0.0)
-        sums(self.count, workers()[1], self.columns["position"], self.columns["velocity"], self._sums)
+        self._measure()
         total = self._sums.sum(axis=0) / self.count
         polarisation = float(np.linalg.norm(total[:3]))
         fastest = float(self._sums[:, 4].max())
-        return dict(zip(names, (polarisation, float(total[3]), fastest, *map(float, total[5:])), strict=True))
+        return dict(
+            zip(names, (polarisation, float(total[3]), fastest, *map(float, total[5:8])), strict=True)
+        )
+
+    def _measure(self) -> None:
+        if not self._measured:
+            sums(self.count, workers()[1], self.columns["position"], self.columns["velocity"], self._sums)
+            self._measured = True
 
     def check(self) -> None:
         """BlowupError for the lowest id that is not finite or farther than ESCAPE."""
         if self.count == 0:
+            return
+        self._measure()
+        if self._sums[:, 8].max() <= ESCAPE_BITS:
             return
         columns = self.columns
         first_fault(self.count, ESCAPE, columns["id"], columns["position"], columns["velocity"], self._fault)
@@ -106,6 +121,7 @@ class Swarm:
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
+        self._measured = False
         self.columns.restore(state)
 
     def arrays(self) -> tuple[str, ...]:
@@ -129,6 +145,7 @@ class Swarm:
             raise SceneError(f"{self.name}.{name}: has shape {values.shape}, must be {wanted}")
         if self.dimension == 2 and values.ndim == 2:
             values = values * np.array([1, 1, 0], np.float32)
+        self._measured = False
         self.columns.write(name, self.inside(values) if name == "position" else values)
 
     def _known(self, name: str) -> str:

@@ -165,6 +165,7 @@ class Vicsek(Swarm):
 
     def step(self, time: float, dt: float) -> None:
         """One application of the law."""
+        self._measured = False
         if self.count == 0:
             return
         now, grid, columns = self.params.at(time), self.grid, self.columns

@@ -135,10 +135,34 @@ def test_a_keyframed_camera_moves() -> None:
     assert along.at(15, 0.5).camera[2] == pytest.approx(15)
 
 
+@pytest.mark.parametrize("target", [None, (0.0, 0.0, 0.0)])
+def test_a_camera_that_passes_through_its_target_sees_something(target) -> None:
+    keys = {"keys": [[0.0, [0.0, 0.0, 0.0]], [1.0, [0.0, 0.0, 5.0]]]}
+    film = Film(2, lambda index, time: (Points("pair", np.array([[1, 0, 0], [-1, 0, 0]], np.float32)),))
+    camera = path(film, position=keys, **({} if target is None else {"target": target})).at(0, 0.0).camera
+    axes = camera[3:12].reshape(3, 3)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-6)
+
+
 def test_an_orthographic_camera_shows_the_same_at_any_depth() -> None:
     camera = path(Film(3, flock(300)), projection="orthographic").at(1, 0.0).camera
     at, far = projected(camera, [[1, 0, 0], np.array([1, 0, 0]) + 3 * camera[9:12]])
     np.testing.assert_allclose(at, far, atol=1e-2)
+
+
+def test_an_orthographic_camera_has_nothing_behind_it() -> None:
+    points = cloud(500) * np.array([1, 1, 9], np.float32)
+    film = Film(3, lambda index, time: (Points("cloud", points),))
+    camera = path(film, projection="orthographic", azimuth=0.0, elevation=0.0, orbit=0.0).at(1, 0.0).camera
+    assert ((points - camera[:3]) @ camera[9:12]).min() > camera[layout.NEAR]
+
+
+def test_one_large_ball_is_framed_whole() -> None:
+    film = Film(1, lambda index, time: (Points("ball", np.zeros((1, 3), np.float32)),))
+    look = {"width": WIDTH, "height": HEIGHT, "parts": {"ball": {"kind": "spheres", "size": 4.0}}}
+    view = Painter(film, Look.model_validate(look)).path.at(0, 0.0)
+    shown = 2.0 * view.camera[layout.FOCAL] / view.distance / HEIGHT * 2  # its diameter, of the height
+    assert 0.4 < shown < 0.9
 
 
 def test_meshes_alone_are_framed_whole() -> None:
@@ -199,3 +223,10 @@ def test_spacing_is_that_of_neighbours_and_segments() -> None:
 def test_the_lowest_thing_makes_the_floor() -> None:
     frame = Frame(0, 0.0, (Points("cloud", cloud(50)), cube(2.0, (0, -5, 0))))
     assert survey([frame]).lowest == pytest.approx(-6)
+
+
+def test_the_elevation_may_be_keyframed() -> None:
+    film = Film(31, lambda index, time: (Points("cloud", cloud(300)),))
+    tilting = path(film, orbit=0.0, elevation={"keys": [[0.0, 80.0], [1.0, 10.0]], "interpolation": "linear"})
+    angles = [np.degrees(np.arcsin(-tilting.at(k, k / 30).camera[10])) for k in (0, 15, 30)]
+    np.testing.assert_allclose(angles, [80.0, 45.0, 10.0], atol=0.5)

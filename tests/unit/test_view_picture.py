@@ -144,6 +144,18 @@ def test_a_cube_throws_a_shadow_on_the_floor_and_only_when_asked() -> None:
     assert (darker[floor] < 3).mean() > 0.5
 
 
+@pytest.mark.parametrize("preset", ["dusk", "night", "studio", "water", "paper", ("#102030", "#d0e0f0")])
+def test_shadows_can_be_asked_for_on_every_background(preset) -> None:
+    parts = (cube(1, (0, 0.5, 0)), cube(4, (0, -2, 0), "slab"))
+    camera = {"elevation": 25, "azimuth": 20}
+    lit, shaded = (
+        picture(*parts, background=preset, camera=camera, shadows=asked).mean(axis=2)
+        for asked in (False, True)
+    )
+    assert (lit - shaded).max() > 4
+    assert (shaded - lit).max() <= 1
+
+
 def test_faces_of_a_cube_catch_the_light_differently() -> None:
     camera = {"elevation": 30, "azimuth": 35}
     fields = {"background": "studio", "shadows": False, "fog": 0.0, "camera": camera}
@@ -196,6 +208,18 @@ def test_colours_follow_the_data_over_a_fixed_range() -> None:
     for hue, value in zip(hues, (0, 128, 255), strict=True):
         expected = table("viridis")[value]
         assert np.corrcoef(hue, to_srgb(expected))[0, 1] > 0.9
+
+
+def test_a_whole_number_has_one_colour_all_over_its_shape() -> None:
+    """Blended over a triangle in float32, a row's number may fall just short of it."""
+    points = flock(300)(0, 0.0)[0]
+    data = {"velocity": points.data["velocity"], "kind": np.ones(300, np.int32)}
+    color = {"by": "kind", "palette": ["#0000ff", "#ff0000"]}
+    style = {"boids": {"kind": "darts", "size": 0.8, "color": color}, "first": {"kind": "hidden"}}
+    fields = {"background": ("#000000", "#000000"), "width": 640, "height": 360, "samples": 1}
+    shown = picture(cube(name="first"), Points("boids", points.position, data), parts=style, **fields)
+    assert (shown[..., 0] > shown[..., 2] + 20).sum() > 5000
+    assert not (shown[..., 2] > shown[..., 0] + 20).any()
 
 
 def test_opacity_lets_the_background_through() -> None:

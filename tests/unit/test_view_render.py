@@ -10,8 +10,10 @@ from view_scenes import Film, flock
 
 from tianim.errors import OutputError, SceneError
 from tianim.view import film as film_module
+from tianim.view import render
 from tianim.view.film import write_film, write_mp4
 from tianim.view.look import Look
+from tianim.view.painter import Painter
 from tianim.view.plots import plot_metrics, read_metrics
 from tianim.view.render import film_indices, render_run
 from tianim.view.sheet import sheet
@@ -98,6 +100,9 @@ def test_without_pyav_there_is_an_animated_webp(tmp_path, monkeypatch) -> None:
     assert path == tmp_path / "a.webp"
     with Image.open(path) as image:
         assert image.n_frames == 6  # every second: 15 a second are enough
+        image.seek(1)
+        image.load()
+        assert image.info["duration"] == pytest.approx(1000 / 15, abs=1)
     assert left_over(tmp_path) == []
 
 
@@ -131,6 +136,18 @@ def test_a_run_leaves_film_picture_sheet_and_plot(tmp_path) -> None:
     assert left_over(tmp_path) == []
 
 
+def test_the_pictures_of_a_run_have_trails_and_times(tmp_path, monkeypatch) -> None:
+    look = Look.model_validate({**SMALL.model_dump(), "parts": {"boids": {"trail": 4, "size": 0.3}}})
+    film, labels, make = Film(6, flock(60, drift=(9, 0, 0))), [], render.sheet.sheet
+    monkeypatch.setattr(
+        render.sheet, "sheet", lambda pictures, names: labels.extend(names) or make(pictures, names)
+    )
+    render_run(film, look, tmp_path, 30.0)
+    with Image.open(tmp_path / "preview.png") as preview:
+        np.testing.assert_array_equal(np.asarray(preview), Painter(film, look).picture(3))
+    assert labels == ["0.00 s", "0.07 s", "0.17 s"]
+
+
 @pytest.mark.parametrize(("count", "names"), [(0, []), (1, ["preview.png", "contact_sheet.png"])])
 def test_short_runs_leave_what_they_can(tmp_path, count, names) -> None:
     written = render_run(Film(count, flock(10)), SMALL, tmp_path, 30.0)
@@ -150,7 +167,7 @@ def test_a_long_run_is_shown_in_steps(tmp_path) -> None:
     look = SMALL.model_copy(update={"film_frames": 4})
     render_run(Film(10, flock(10)), look, tmp_path, 30.0, say=said.append)
     assert len(decoded(tmp_path / "preview.mp4")[1]) == 4
-    assert any("every 3" in line for line in said)
+    assert "film: 4 of 10 frames, one in every 3" in said
 
 
 def test_film_indices_start_at_the_first_and_keep_the_limit() -> None:
@@ -170,7 +187,7 @@ def test_a_look_with_an_unknown_part_is_refused_before_anything_is_written(tmp_p
 
 def test_a_sheet_shows_every_picture_once_under_its_place() -> None:
     pictures = [np.full((90, 160, 3), 10 * k, np.uint8) for k in range(1, 8)]
-    shown = sheet(pictures, [f"{k} s" for k in range(7)], columns=4)
+    shown = sheet(pictures, [f"{k} s" for k in range(7)])
     for k in range(1, 8):
         assert (shown == 10 * k).all(axis=2).sum() >= 90 * 160 * 0.98
     assert shown.shape[1] == 4 * 170 + 10
@@ -201,16 +218,49 @@ def test_no_metrics_make_no_plot(tmp_path, text) -> None:
     assert not (tmp_path / "metrics.png").exists()
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 30])
-def test_every_metric_has_a_panel_up_to_a_limit(tmp_path, count) -> None:
+@pytest.mark.parametrize(
+    ("count", "across", "down"), [(1, 1, 1), (2, 2, 1), (4, 2, 2), (5, 3, 2), (30, 3, 8)]
+)
+def test_every_metric_has_a_panel_up_to_a_limit(tmp_path, monkeypatch, count, across, down) -> None:
+    said = []
+    monkeypatch.setattr("matplotlib.figure.Figure.supxlabel", lambda self, text, **_: said.append(text))
     path = tmp_path / "metrics.csv"
     names = [f"s{k % 3}.value_{k} [m]" for k in range(count)]
     rows = [",".join(map(str, [k, k / 30, *np.sin(np.arange(count) + k)])) for k in range(20)]
     path.write_text("\n".join(["frame,time," + ",".join(names), *rows]))
     assert plot_metrics(path, tmp_path / "metrics.png")
     with Image.open(tmp_path / "metrics.png") as image:
-        assert image.width <= 1300
-        assert image.height <= 8 * 280
+        assert image.size == (430 * across, 275 * down + 20)
+        drawn = np.asarray(image.convert("L"), int)
+    curves = [
+        panel[20:-40].min() < 160  # the ink of a curve and of the numbers beside it
+        for row in np.array_split(drawn[:-20], down)
+        for panel in np.array_split(row, across, axis=1)
+    ]
+    assert sum(curves) == min(count, 24)
+    assert said == (["and 6 more in the table"] if count > 24 else [])
+
+
+def test_a_constant_is_a_straight_line_in_the_middle_of_its_panel(tmp_path) -> None:
+    noise = np.random.default_rng(0).normal(size=30) * 1e-9
+    rows = [f"{k},{k / 30},{float(7 + noise[k])!r}" for k in range(30)]
+    (tmp_path / "metrics.csv").write_text("\n".join(["frame,time,s.energy", *rows]))
+    assert plot_metrics(tmp_path / "metrics.csv", tmp_path / "metrics.png")
+    with Image.open(tmp_path / "metrics.png") as image:
+        ink = np.abs(np.asarray(image.convert("RGB"), int) - (0x1F, 0x6F, 0x9F)).max(axis=2) < 30
+    rows_of_ink = np.nonzero(ink)[0]
+    assert np.ptp(rows_of_ink) <= 4
+    assert 90 < rows_of_ink.mean() < 190
+
+
+@pytest.mark.parametrize(
+    "content", [b"time,a\n0,\xff\xfe\n", b"time,a\n0," + b"9" * 200_000], ids=["bytes", "long"]
+)
+def test_metrics_that_are_no_table_say_so(tmp_path, content) -> None:
+    (tmp_path / "metrics.csv").write_bytes(content)
+    with pytest.raises(SceneError, match=r"metrics\.csv: it is no table") as caught:
+        plot_metrics(tmp_path / "metrics.csv", tmp_path / "metrics.png")
+    assert "\n" not in str(caught.value)
 
 
 def test_metrics_that_are_not_there_say_so(tmp_path) -> None:

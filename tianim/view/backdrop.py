@@ -4,7 +4,7 @@ A preset is a whole: sky or ground, the colour and direction of the light, fog, 
 that subjects take when nothing else is said. Pictures are linear light, (height, width, 3).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from tianim.view import layout
 from tianim.view.colormap import hex_to_linear, to_linear
-from tianim.view.layout import FOCAL
+from tianim.view.layout import FOCAL, PERSPECTIVE
 
 Float = NDArray[np.float32]
 Ramp = tuple[tuple[float, str], ...]
@@ -29,6 +29,8 @@ class Preset:
     key, above, below  colours of the light, from the sun, the sky and the ground
     subject   colours of species, or of everything where `by` is None or not there
     body, line  colours of meshes that are not the subject, and of lines
+    shafts    of light from above
+    shadow, corners  how dark a cast shadow and a corner are, 0: not drawn
     """
 
     ramp: Ramp
@@ -40,6 +42,7 @@ class Preset:
     body: str
     line: str
     sky: bool = False
+    shafts: bool = False
     floor: bool = False
     by: str | None = None
     map: str = "viridis"
@@ -70,6 +73,12 @@ PRESETS = {
         subject=("#e8e4da", "#ff9f5a", "#6cc3ff", "#b6e38a"), body="#4c5160", line="#aab2c5",
         by="speed", map="plasma", fog=0.55, corners=0.6, shine=0.12, rim=0.12, vignette=0.25, elevation=16.0,
     ),
+    "space": Preset(
+        ramp=((0, "#05060a"), (0.45, "#080a11"), (0.75, "#06070d"), (1, "#030407")),
+        sun=(-0.5, 0.7, 0.5), key=(1.0, 0.97, 0.92), above=(0.12, 0.13, 0.18), below=(0.05, 0.05, 0.08),
+        subject=("#a9c4ff", "#ffd09a", "#ff9a6b", "#c9b3ff"), body="#4c5160", line="#5f6a86",
+        map="starlight", shine=0.1, rim=0.1, vignette=0.2, elevation=28.0,
+    ),
     "studio": Preset(
         ramp=((0, "#a9a8a6"), (0.3, "#bdbcba"), (0.62, "#d3d2d0"), (0.8, "#d0d0d0"), (1, "#b4b6ba")),
         sun=(-0.5, 0.85, 0.35), key=(0.92, 0.88, 0.80), above=(0.42, 0.45, 0.50), below=(0.22, 0.21, 0.20),
@@ -80,7 +89,7 @@ PRESETS = {
         ramp=((0, "#031a30"), (0.3, "#06304f"), (0.62, "#0c5480"), (0.86, "#2a86ad"), (1, "#5db4c9")),
         sun=(-0.25, 0.93, 0.25), key=(1.1, 1.25, 1.2), above=(0.34, 0.52, 0.58), below=(0.02, 0.08, 0.13),
         subject=("#a9bfc6", "#e07b39", "#e2c65c", "#c8554b"), body="#3f5d6c", line="#8fb3bd",
-        fog=0.72, corners=0.5, shine=0.35, rim=0.06, elevation=18.0, darts="fish",
+        shafts=True, fog=0.72, corners=0.5, shine=0.35, rim=0.06, elevation=18.0, darts="fish",
     ),
     "paper": Preset(
         ramp=((0, "#f3eee3"), (1, "#f6f2e9")),
@@ -98,11 +107,23 @@ def preset_of(background: Background) -> Preset:
     bottom, top = background
     bright = float(np.mean([hex_to_linear(bottom), hex_to_linear(top)])) > 0.25
     base = PRESETS["studio" if bright else "night"]
-    return Preset(**{**base.__dict__, "ramp": ((0, bottom), (1, top)), "floor": False, "shadow": 0.0})
+    return replace(base, ramp=((0, bottom), (1, top)), floor=False, shadow=0.0)
 
 
-def stage_array(preset: Preset, camera: Float, floor: float, shadows: bool, exposure: float) -> Float:
-    """What the shading kernels read (see shade): the sun stands where it suits this camera."""
+def with_shadows(preset: Preset, wanted: bool | None) -> Preset:
+    """The preset with shadows and dark corners as a look wants them; None: its own."""
+    if wanted is None:
+        return preset
+    studio = PRESETS["studio"]
+    return replace(
+        preset,
+        shadow=(preset.shadow or studio.shadow) * wanted,
+        corners=(preset.corners or studio.corners) * wanted,
+    )
+
+
+def stage_array(preset: Preset, camera: Float, floor: float, exposure: float) -> Float:
+    """What the shading kernels read (see layout): the sun stands where it suits this camera."""
     out = np.zeros(layout.STAGE_SIZE, np.float32)
     sun = np.array(preset.sun) / np.linalg.norm(preset.sun)
     level = _level_axes(camera)
@@ -112,8 +133,7 @@ def stage_array(preset: Preset, camera: Float, floor: float, shadows: bool, expo
     out[9:12] = np.array(preset.below) * exposure
     out[layout.SHINE], out[layout.RIM] = preset.shine, preset.rim
     out[layout.FLOOR], out[layout.FLOOR_HEIGHT] = preset.floor, floor
-    out[layout.SHADOW] = preset.shadow if shadows else 0.0
-    out[layout.CORNER] = preset.corners if shadows else 0.0
+    out[layout.SHADOW], out[layout.CORNER] = preset.shadow, preset.corners
     out[layout.SOFTNESS] = 0.12
     return out
 
@@ -134,8 +154,7 @@ class Backdrop:
         self._preset, self._width, self._height = preset, width, height
         self._key: tuple[float, float] | None = None
         self._still: Float = np.zeros((height, width, 3), np.float32)
-        shafts = preset is PRESETS["water"]
-        self._shafts = _Shafts(width, height) if shafts else None
+        self._shafts = _Shafts(width, height) if preset.shafts else None
 
     def picture(self, camera: Float, time: float) -> Float:
         """The background behind `camera` at `time` [s]; not to be changed."""
@@ -165,15 +184,19 @@ class Backdrop:
         shade_off = 1.0 - self._preset.vignette * np.clip(away / 0.95, 0, 1) ** 2
         return np.ascontiguousarray(picture * shade_off[..., None], dtype=np.float32)
 
+    def _focal(self, camera: Float) -> float:
+        """Focal length [pixels] for what is far away; a usual one where the camera has none."""
+        return float(camera[FOCAL]) if camera[PERSPECTIVE] > 0.5 else 1.6 * self._height
+
     def _elevation(self, camera: Float, x: Float, y: Float) -> Float:
         """Degrees above the horizon of pixels given from the centre."""
-        f = max(float(camera[FOCAL]), 1e-6) if camera[13] > 0.5 else 1.6 * self._height
+        f = self._focal(camera)
         up = camera[7] * y + camera[10] * f + camera[4] * x
         return np.degrees(np.arcsin(np.clip(up / np.sqrt(x * x + y * y + f * f), -1, 1))).astype(np.float32)
 
     def _with_land(self, still: Float, camera: Float) -> Float:
         """The sky with a far skyline below it, which turns with the camera."""
-        f = float(camera[FOCAL]) if camera[13] > 0.5 else 1.6 * self._height
+        f = self._focal(camera)
         column = np.arange(self._width) + 0.5 - 0.5 * self._width
         azimuth = np.arctan2(camera[9], camera[11]) + np.arctan2(-column, f)
         pitch = np.arcsin(np.clip(camera[10], -1, 1))

@@ -31,7 +31,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class View:
-    """One camera: its array (see raster), distance to the action [m] and radius of the action [m]."""
+    """One camera: its array (see layout), distance to the action [m] and radius of the action [m]."""
 
     camera: Float
     distance: float
@@ -52,7 +52,9 @@ def camera_array(
     `half_height` is the tangent of half the angle of view, or half the height shown [m] when orthographic.
     """
     forward = target - eye
-    distance = max(float(np.linalg.norm(forward)), 1e-12)
+    distance = float(np.linalg.norm(forward))
+    if distance < 1e-12:  # standing on the target: any direction will do
+        forward, distance = np.array([0.0, 0.0, -1e-12]), 1e-12
     forward = forward / distance
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-6:  # looking along `up`: any level direction will do
@@ -96,7 +98,7 @@ class CameraPath:
     ) -> None:
         self._look, self._width, self._height, self._girth = look, width, height, girth
         self._azimuth = stand.azimuth if look.azimuth is None else look.azimuth
-        self._elevation = stand.elevation if look.elevation is None else look.elevation
+        self._usual_elevation = stand.elevation
         self._count = int(survey.indices[-1]) + 1 if len(survey.indices) else 1
         self._plan = survey.flat if look.position is None else None
         if look.elevation is not None or look.azimuth is not None:
@@ -110,7 +112,7 @@ class CameraPath:
     def at(self, index: int, time: float) -> View:
         """The view of frame `index` at `time` [s]."""
         center, distance = self._center(index), float(self._distance(index))
-        back, up = self._direction(index)
+        back, up = self._direction(index, time)
         look = self._look.at(time)
         target = np.array(look.target) if look.target is not None else center
         if look.position is not None:
@@ -126,14 +128,17 @@ class CameraPath:
         camera = camera_array(eye, target, self._width, self._height, half, self.perspective, up)
         return View(camera, distance, self._radius)
 
-    def _direction(self, index: float) -> tuple[Vector, Vector]:
+    def _direction(self, index: float, time: float) -> tuple[Vector, Vector]:
         """Direction towards the camera, and what is up in the picture."""
         if self._plan is not None:
             back = np.zeros(3)
             back[self._plan] = 1.0
             return back, (np.array([0.0, 0.0, -1.0]) if self._plan == 1 else UP)
         share = index / max(self._count - 1, 1) - 0.5
-        return _toward(self._azimuth + self._look.orbit * share, self._elevation), UP
+        elevation = self._look.at(time).elevation
+        if elevation is None:
+            elevation = self._usual_elevation
+        return _toward(self._azimuth + self._look.orbit * share, elevation), UP
 
     def _fit(self, survey: Survey) -> None:
         """Fit centre and distance to every surveyed frame, and smooth both."""
@@ -148,7 +153,11 @@ class CameraPath:
         indices = survey.indices if len(survey.indices) else np.zeros(1)
         frames_apart = (self._count - 1) / max(len(indices) - 1, 1)
         seconds = float(np.ptp(survey.times)) / max(len(indices) - 1, 1) if len(survey.times) else 1.0
-        stands = [_axes(*self._direction(float(index))) for index in indices]
+        times = survey.times if len(survey.times) else np.zeros(1)
+        stands = [
+            _axes(*self._direction(float(index), float(time)))
+            for index, time in zip(indices, times, strict=True)
+        ]
         centers = [self._middle(points, axes) for points, axes in zip(action, stands, strict=True)]
         center = _smooth(np.array(centers, np.float64), CENTER_SECONDS / max(seconds, 1e-9))
         wide = [self._needed(p, axes, c) for p, axes, c in zip(action, stands, center, strict=True)]

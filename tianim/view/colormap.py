@@ -27,6 +27,8 @@ _ANCHORS = {
     "868379 918b78 9b9476 a59c74 b0a571 bcae6c c6b667 d2c060 dec958 e9d34e f6dd3f fee838",
     "twilight": "e2d9e2 d1d5da b3c6ce 95b5c7 7ba1c2 6b8cbf 6276ba 5f5eb3 5e43a5 592a8f 4e186f 3d114d 2f1436 "
     "3f123d 581647 741e4f 8e2c50 a24050 b25652 be6f5b c6896c cca389 d4bcac ddd0ce e2d9e2",
+    # Orange to blue through white, as the colours of stars by temperature.
+    "starlight": "e8703a f58f4c ffab6b ffc593 ffdcbb fff0e2 f6f4ff dde5ff c0d1ff a2bcff 86a8ff 6f97ff",
     "turbo": "30123b 3b2f80 434eba 466be3 4685fa 3ba0fd 28bceb 1ad2d2 1ae4b6 32f298 55fa76 80ff53 a4fc3c "
     "bef434 d9e436 eecf3a faba39 fe9e2f fb7e21 f26014 e4450a d02f05 b91e02 9b0f01 7a0403",
 }

@@ -9,6 +9,7 @@ from tianim.frame import Frame, Lines, Mesh, Points
 from tianim.view.canvas import Blend, Geometry, Spheres, Sticks, Triangles
 from tianim.view.raster import pose_shapes
 from tianim.view.shapes import FAR_SHAPES, NEAR_SHAPES, SHAPES, Shape, forward_of, heading_quaternion
+from tianim.view.starlight import Stars, mean_mass, stars_of
 from tianim.view.styles import Style, Styles
 
 Float = NDArray[np.float32]
@@ -45,6 +46,8 @@ class Draft:
                 continue
             if isinstance(part, Points) and style.trail and earlier:
                 blends += self._trail(part, style, earlier)
+            if style.kind == "stars":
+                continue
             drawn = self._draw(part, style, frame.time)
             spheres += [drawn] if isinstance(drawn, Spheres) else []
             meshes += [drawn] if isinstance(drawn, Triangles) else []
@@ -57,6 +60,18 @@ class Draft:
             _joined_sticks(sticks),
             tuple(blends),
         )
+
+    def stars(self, frame: Frame) -> list[Stars]:
+        """All points of `frame` that are drawn as stars, of all their parts by one measure of mass."""
+        styled = [(part, self._styles.of(part)) for part in frame.parts if isinstance(part, Points)]
+        shown = [(part, style) for part, style in styled if style.kind == "stars"]
+        mean = mean_mass(part for part, _ in shown)
+        return [stars_of(part, self._styles.tones(part, style), style.opacity, mean) for part, style in shown]
+
+    @property
+    def colors(self) -> Float:
+        """The colour tables that tones point into, (rows, 3) linear light."""
+        return self._styles.colors
 
     def _draw(
         self, part: Points | Mesh | Lines, style: Style, time: float

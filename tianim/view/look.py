@@ -18,11 +18,25 @@ MAX_TRAIL = 200  # frames; each is kept in memory while the film is drawn
 MAX_FILM = 100_000  # frames
 
 Side = Annotated[int, Field(ge=16, le=MAX_SIDE, multiple_of=2)]
+Elevation = Annotated[float, Field(ge=-89, le=89)]
 Color = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-Preset = Literal["dusk", "night", "studio", "water", "paper"]
-ColorMap = Literal["viridis", "magma", "inferno", "plasma", "cividis", "twilight", "turbo", "phase"]
+Preset = Literal["dusk", "night", "space", "studio", "water", "paper"]
+ColorMap = Literal[
+    "viridis", "magma", "inferno", "plasma", "cividis", "twilight", "turbo", "phase", "starlight"
+]
 PartKind = Literal[
-    "auto", "spheres", "darts", "birds", "fish", "bees", "arrows", "glow", "lines", "mesh", "hidden"
+    "auto",
+    "spheres",
+    "darts",
+    "birds",
+    "fish",
+    "bees",
+    "arrows",
+    "glow",
+    "stars",
+    "lines",
+    "mesh",
+    "hidden",
 ]
 
 
@@ -87,7 +101,8 @@ class PartStyle(Params):
     kind: PartKind = Field(
         default="auto",
         description="what stands for an item; auto: darts for points that move (arrows in 2D), "
-        "spheres for points that do not, lines and meshes as they are",
+        "spheres for points that do not, lines and meshes as they are; stars: light that adds up behind all "
+        "else, as a telescope shows it, by the mass of each point",
     )
     size: Positive | None = Field(
         default=None,
@@ -102,7 +117,12 @@ class PartStyle(Params):
         default=0, description="length of the trail behind each point [frames]"
     )
     opacity: Annotated[float, Field(gt=0, le=1)] = Field(
-        default=1.0, description="1 hides what is behind; less lets it through (points and lines)"
+        default=1.0,
+        description="1 hides what is behind; less lets it through (points and lines); a factor on the light "
+        "of stars",
+    )
+    framed: bool = Field(
+        default=True, description="whether the camera keeps the part in the picture; what is hidden is not"
     )
 
 
@@ -124,7 +144,7 @@ class CameraLook(Params):
     azimuth: Annotated[float, Field(ge=-360, le=360)] | None = Field(
         default=None, description="direction the camera stands in, from z towards x [degrees]"
     )
-    elevation: Annotated[float, Field(ge=-89, le=89)] | None = Field(
+    elevation: Animated[Elevation] | None = Field(
         default=None, description="height of the camera above the action [degrees]; negative looks up"
     )
     orbit: Annotated[float, Field(ge=-3600, le=3600)] = Field(
@@ -161,8 +181,8 @@ class Look(Params):
     camera: CameraLook = Field(default=CameraLook(), description="where the picture is taken from")
     background: Preset | Literal["auto"] | tuple[Color, Color] = Field(
         default="auto",
-        description="dusk, night, studio, water, paper, or two colours from bottom to top; auto: paper for "
-        "flat scenes, studio for meshes, dusk for the rest",
+        description="dusk, night, space, studio, water, paper, or two colours from bottom to top; auto: "
+        "space for stars, paper for flat scenes, studio for meshes, dusk for the rest",
     )
     parts: dict[Annotated[str, Field(min_length=1, max_length=64)], PartStyle] = Field(
         default={}, description="style of each part, by its name"

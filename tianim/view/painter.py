@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.frame import Frame, Mesh
-from tianim.view.backdrop import Backdrop, Background, Preset, preset_of, stage_array
+from tianim.view.backdrop import Backdrop, Background, Preset, preset_of, stage_array, with_shadows
 from tianim.view.camera import CameraPath, Stand, View, camera_array
 from tianim.view.canvas import SHADOW_SIZE, Canvas, Geometry, Light, Picture
 from tianim.view.draft import Draft
 from tianim.view.layout import FOCAL, PERSPECTIVE, SHADOW
 from tianim.view.look import Look
+from tianim.view.starlight import Starlight
 from tianim.view.styles import Styles
 from tianim.view.survey import Frames, Survey, survey
 
@@ -30,9 +31,9 @@ class Painter:
 
     def __init__(self, frames: Frames, look: Look) -> None:
         self._frames, self._look = frames, look
-        self.survey: Survey = survey(frames)
+        self.survey: Survey = survey(frames, unframed(look))
         self.background = background_for(look, self.survey)
-        self._preset: Preset = preset_of(self.background)
+        self._preset: Preset = with_shadows(preset_of(self.background), look.shadows)
         size = (look.width, look.height)
         stand = Stand(self._preset.azimuth, self._preset.elevation)
         girth = 0.5 * max((style.size or 0.0 for style in look.parts.values()), default=0.0)
@@ -45,10 +46,8 @@ class Painter:
         self.draft = Draft(Styles(look, self._preset, self.survey, pixel), self.survey.flat)
         self._canvas = Canvas(*size, look.samples or samples_for(self.survey))
         self.backdrop = Backdrop(self._preset, *size)
-        self._shadows = (
-            look.shadows if look.shadows is not None else self._preset.shadow + self._preset.corners > 0
-        )
         self._fog = self._preset.fog if look.fog is None else look.fog
+        self._starlight = self._exposed_starlight()
 
     @property
     def trail(self) -> int:
@@ -65,21 +64,38 @@ class Painter:
         view = self.path.at(index, frame.time)
         geometry = self.draft.geometry(frame, earlier)
         background = self.backdrop.picture(view.camera, frame.time)
+        if self._starlight is not None:
+            stars = self.draft.stars(frame)
+            background = self._starlight.picture(stars, view.camera, self.draft.colors, background)
         return self._canvas.draw(geometry, view.camera, self._light(view, geometry), background)
+
+    def _exposed_starlight(self) -> Starlight | None:
+        """Starlight, exposed for the whole film; None where there are no stars."""
+        if "stars" not in {style.kind for style in self._look.parts.values()}:
+            return None
+        starlight = Starlight(self._look.width, self._look.height, self._look.exposure)
+        indices = self.survey.indices
+        typical = []
+        for place in sorted({0, len(indices) // 2, len(indices) - 1}) if len(indices) else ():
+            index = int(indices[place])
+            frame = self._frames[index]
+            typical.append((self.draft.stars(frame), self.path.at(index, frame.time).camera))
+        starlight.expose(typical, self.draft.colors)
+        return starlight
 
     def _time(self, index: int) -> float:
         found = np.flatnonzero(self.survey.indices == index)
         return float(self.survey.times[found[0]]) if len(found) else 0.0
 
     def _light(self, view: View, geometry: Geometry) -> Light:
-        stage = stage_array(self._preset, view.camera, self.survey.lowest, self._shadows, self._look.exposure)
+        stage = stage_array(self._preset, view.camera, self.survey.lowest, self._look.exposure)
         start = view.distance - view.radius
         fog = np.array([start, max(2 * view.radius, 1e-9), min(self._fog, 0.995)], np.float32)
         sun = None
         solid = (
             len(geometry.spheres.position) + len(geometry.triangles.triangles) + len(geometry.sticks.segments)
         )
-        if self._shadows and self._preset.shadow > 0.0 and solid:
+        if self._preset.shadow > 0.0 and solid:
             sun = self._sun(view, stage[:3].astype(np.float64))
         else:
             stage[SHADOW] = 0.0
@@ -96,14 +112,21 @@ class Painter:
 
 def check_look(frame: Frame, look: Look) -> None:
     """Raise SceneError where `look` names parts or data that `frame` does not have: before a long run."""
-    found = survey([frame])
+    found = survey([frame], unframed(look))
     Styles(look, preset_of(background_for(look, found)), found, 1.0)
+
+
+def unframed(look: Look) -> list[str]:
+    """Parts that the camera need not keep in the picture."""
+    return [name for name, style in look.parts.items() if style.kind == "hidden" or not style.framed]
 
 
 def background_for(look: Look, found: Survey) -> Background:
     """The background: as the look says, or what suits the scene."""
     if look.background != "auto":
         return look.background
+    if any(style.kind == "stars" for style in look.parts.values()):
+        return "space"
     if found.flat is not None:
         return "paper"
     parts = list(found.parts.values())

@@ -3,6 +3,7 @@
 import csv
 import re
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -29,13 +30,15 @@ UNIT = re.compile(r"^(.*?)\s*[\[(](.+)[\])]\s*$")
 def read_metrics(path: Path) -> dict[str, Column]:
     """Columns of a metrics table by name; what is not a number is NaN, and so is a column's short end.
 
-    Raises SceneError where there is no such file.
+    Raises SceneError where there is no such file, or no table in it.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
     except OSError as error:
         raise SceneError(f"cannot read {path}: {error.strerror or error}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise SceneError(f"cannot read {path}: it is no table ({error})") from error
     if not rows:
         return {}
     names = [name.strip() for name in rows[0]]
@@ -68,7 +71,7 @@ def plot_metrics(metrics: Path, out: Path) -> bool:
         across, label = columns[time_name], "time [s]"
     else:
         across, label = np.arange(len(next(iter(shown.values()))), dtype=np.float64), "frame"
-    _draw(across, label, dict(list(shown.items())[:MOST_PANELS]), out)
+    _draw(across, label, shown, out)
     return True
 
 
@@ -84,6 +87,8 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingPartError(MISSING_PLOTS) from error
+    left_out = len(shown) - MOST_PANELS
+    shown = dict(islice(shown.items(), MOST_PANELS))
     count = len(shown)
     columns = 1 if count == 1 else 2 if count in (2, 4) else 3
     rows = ceil(count / columns)
@@ -107,6 +112,8 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
         panel.set_visible(False)
     for panel in panels[max(0, count - columns) : count]:
         panel.set_xlabel(label, fontsize=14, color=INK)
+    if left_out > 0:
+        figure.supxlabel(f"and {left_out} more in the table", fontsize=14, color=INK)
     with whole_file(out) as beside:
         figure.savefig(beside, format="png")
 

@@ -62,8 +62,8 @@ def _pictures(
 ) -> list[Path]:
     painter = open3d_view.choose_painter(frames, look, say)
     indices = film_indices(len(frames), look.film_frames)
-    if indices[1] - indices[0] > 1 if len(indices) > 1 else False:
-        say(f"film: every {indices[1]}th of {len(frames)} frames")
+    if 1 < len(indices) < len(frames):
+        say(f"film: {len(indices)} of {len(frames)} frames, one in every {indices[1]}")
     shown = _Shown(look, indices)
     pictures = shown.watch(_draw_all(painter, frames, indices, progress))
     written = []

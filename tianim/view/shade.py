@@ -5,9 +5,9 @@ show the same primitive, one stands for all. Colours are linear light until the 
 """
 
 from tianim.lang import f32_1d, f32_2d, f32_3d, i32_2d, i64_2d, ti, u8_3d
+from tianim.view.colormap import ENTRIES
 from tianim.view.layout import (
     CORNER,
-    EMPTY,
     FAR,
     FOCAL,
     LOW_WORD,
@@ -30,6 +30,7 @@ from tianim.view.shadow import averaged_shade, floor_depth, noise
 
 ENCODING_STEPS = 1024.0  # entries of the encoding table for each unit of the root of light
 ENCODING_SIZE = 4096
+NOTHING = -1  # id where a sample shows no primitive
 CREASE = 0.72  # cosine of the angle from which an edge is drawn sharp
 
 
@@ -94,12 +95,18 @@ def line_normal(camera: ti.template(), position: ti.template(), segments: ti.tem
 
 
 @ti.func
-def sphere_normal(camera: ti.template(), center, radius, x, y):
-    """World normal of a sphere at a pixel of its disc."""
-    s = to_screen(camera, to_view(camera, center[0], center[1], center[2]))
+def sphere_normal(camera: ti.template(), position: ti.template(), n, radius, x, y):
+    """World normal of sphere `n` at a pixel of its disc."""
+    s = to_screen(camera, to_view(camera, position[n, 0], position[n, 1], position[n, 2]))
     r = ti.max(radius * camera[FOCAL] / s[3], 0.5)
     nx, ny = (x - s[0]) / r, (s[1] - y) / r
     return across_view(camera, nx, ny, ti.sqrt(ti.max(1.0 - nx * nx - ny * ny, 0.01)))
+
+
+@ti.func
+def primitive(found):
+    """Id in a key; NOTHING where it is EMPTY, whose low word has all bits set."""
+    return ti.cast(found & ti.i64(LOW_WORD), ti.i32)
 
 
 @ti.func
@@ -121,39 +128,67 @@ def through_light(light: ti.template(), scale, y, x, behind):
     return behind * left + ti.Vector([red, green, ti.cast(blue_depth >> 32, ti.f32)]) * gain
 
 
+@ti.func
+def mesh_surface(
+    camera: ti.template(), position: ti.template(), normal: ti.template(), triangles: ti.template(),
+    tone: ti.template(), tint: ti.template(), m, x, y, z, toward_eye,
+):  # fmt: skip
+    """Normal towards the eye, row of the colour table and tint of triangle `m` at a pixel and depth `z`."""
+    p = to_world(camera, x, y, z)
+    smooth, flat, share = triangle_surface(position, normal, triangles, m, p)
+    back = flat.dot(toward_eye) < 0.0
+    row, bright = 0.0, 0.0
+    for c in ti.static(range(3)):
+        row += share[c] * tone[triangles[m, c]]
+        bright += share[c] * tint[triangles[m, c]]
+    return (
+        ti.select(back, -smooth, smooth),
+        ti.cast(row, ti.i32) + ti.select(back, ENTRIES, 0),
+        bright,
+    )
+
+
+@ti.func
+def tinted(colors: ti.template(), row, bright):
+    """A row of the colour table, brightened; above 1.5 it goes towards white instead."""
+    white = ti.max(bright - 1.5, 0.0) * 0.5
+    bright = ti.min(bright, 1.5)
+    return ti.Vector([colors[row, c] * bright + white for c in ti.static(range(3))])
+
+
+@ti.func
+def light_reaching(stage: ti.template(), shade: ti.template(), depth: ti.template(), reach, x, y, z):
+    """Shares of the key light, and of the light from all round, that reach a pixel at depth `z`."""
+    enclosed, lit = 0.0, 1.0
+    if stage[SHADOW] + stage[CORNER] > 0.0 and z < FAR * 0.5:
+        enclosed, lit = averaged_shade(shade, depth, reach, x, y, z)
+    return 1.0 - stage[SHADOW] * (1.0 - lit), 1.0 - stage[CORNER] * enclosed
+
+
+@ti.func
+def encode(out: ti.template(), encoding: ti.template(), y, x, color):
+    """Write linear light as bytes; half a step of fixed noise hides the bands of smooth gradients."""
+    dither = noise(x, y) - 0.5
+    for c in ti.static(range(3)):
+        place = ti.min(ti.sqrt(ti.max(color[c], 0.0)) * ENCODING_STEPS, ENCODING_SIZE - 1.0)
+        value = encoding[ti.cast(place, ti.i32)] + 0.5 + 0.9 * dither
+        out[y, x, c] = ti.cast(ti.min(ti.max(value, 0.0), 255.0), ti.u8)
+
+
 @ti.kernel
 def resolve(
-    out: u8_3d,
-    key: i64_2d,
-    camera: f32_1d,
-    stage: f32_1d,
-    fog: f32_1d,
-    background: f32_3d,
-    shade: f32_3d,
-    depth: f32_2d,
-    reach: ti.f32,
-    light: i64_3d,
-    light_scale: ti.f32,
-    sphere_position: f32_2d,
-    sphere_radius: f32_1d,
-    sphere_tone: f32_1d,
-    position: f32_2d,
-    normal: f32_2d,
-    triangles: i32_2d,
-    tone: f32_1d,
-    tint: f32_1d,
-    line_position: f32_2d,
-    segments: i32_2d,
-    line_radius: f32_1d,
-    line_tone: f32_1d,
-    colors: f32_2d,
-    encoding: f32_1d,
-):
+    out: u8_3d, key: i64_2d, camera: f32_1d, stage: f32_1d, fog: f32_1d, background: f32_3d,
+    shade: f32_3d, depth: f32_2d, reach: ti.f32, light: i64_3d, light_scale: ti.f32,
+    sphere_position: f32_2d, sphere_radius: f32_1d, sphere_tone: f32_1d,
+    position: f32_2d, normal: f32_2d, triangles: i32_2d, tone: f32_1d, tint: f32_1d,
+    line_position: f32_2d, segments: i32_2d, line_radius: f32_1d, line_tone: f32_1d,
+    colors: f32_2d, encoding: f32_1d,
+):  # fmt: skip
     """The picture (height, width, 3) uint8: surfaces lit and fogged, blended light over them, encoded.
 
     Ids run through spheres, triangles, lines. `tone` is a row of `colors` (linear light); the back
-    of a triangle takes the row 256 further on. `shade` and `depth` are read only where the
-    stage has shadows or corners. `tint` brightens, above 1.5 towards white.
+    of a triangle takes the row ENTRIES further on. `shade` and `depth` are read only where the
+    stage has shadows or corners.
     """
     height, width = out.shape[0], out.shape[1]
     samples = key.shape[0] // height
@@ -163,61 +198,36 @@ def resolve(
         behind = ti.Vector([background[y, x, c] for c in ti.static(range(3))])
         total = ti.Vector([0.0, 0.0, 0.0])
         color = behind
-        last = -2
+        last = NOTHING - 1  # no primitive yet
         for k in range(samples * samples):
             ky, kx = y * samples + k // samples, x * samples + k % samples
-            found = key[ky, kx]
-            n = ti.cast(found & ti.i64(LOW_WORD), ti.i32)
-            if found == ti.i64(EMPTY):
-                n = -1
+            n = primitive(key[ky, kx])
             if n != last:
                 last = n
                 px, py = kx + 0.5, ky + 0.5
-                z = depth_of(found)
-                if n == -1:
+                z = depth_of(key[ky, kx])
+                if n == NOTHING:
                     z = floor_depth(camera, stage, px, py)
-                enclosed, lit = 0.0, 1.0
-                if stage[SHADOW] + stage[CORNER] > 0.0 and z < FAR * 0.5:
-                    enclosed, lit = averaged_shade(shade, depth, reach, x, y, z)
-                open_share = 1.0 - stage[CORNER] * enclosed
-                lit = 1.0 - stage[SHADOW] * (1.0 - lit)
-                if n == -1:
+                lit, open_share = light_reaching(stage, shade, depth, reach, x, y, z)
+                if n == NOTHING:
                     color = behind * (0.4 + 0.6 * lit) * open_share
                 else:
                     toward_eye = to_eye(camera, px, py)
-                    facing = ti.Vector([0.0, 1.0, 0.0])
-                    row, bright = 0, 1.0
+                    facing, row, bright = ti.Vector([0.0, 1.0, 0.0]), 0, 1.0
                     if n < first_triangle:
-                        center = ti.Vector([sphere_position[n, c] for c in ti.static(range(3))])
-                        facing = sphere_normal(camera, center, sphere_radius[n], px, py)
+                        facing = sphere_normal(camera, sphere_position, n, sphere_radius[n], px, py)
                         row = ti.cast(sphere_tone[n], ti.i32)
                     elif n < first_line:
-                        m = n - first_triangle
-                        p = to_world(camera, px, py, z)
-                        smooth, flat, share = triangle_surface(position, normal, triangles, m, p)
-                        back = flat.dot(toward_eye) < 0.0
-                        facing = ti.select(back, -smooth, smooth)
-                        blended = 0.0
-                        bright = 0.0
-                        for c in ti.static(range(3)):
-                            blended += share[c] * tone[triangles[m, c]]
-                            bright += share[c] * tint[triangles[m, c]]
-                        row = ti.cast(blended, ti.i32) + ti.select(back, 256, 0)
+                        facing, row, bright = mesh_surface(
+                            camera, position, normal, triangles, tone, tint, n - first_triangle,
+                            px, py, z, toward_eye,
+                        )  # fmt: skip
                     else:
                         m = n - first_line
                         facing = line_normal(camera, line_position, segments, m, line_radius[m], px, py)
                         row = ti.cast(line_tone[m], ti.i32)
-                    white = ti.max(bright - 1.5, 0.0) * 0.5
-                    bright = ti.min(bright, 1.5)
-                    albedo = ti.Vector([colors[row, c] * bright + white for c in ti.static(range(3))])
+                    albedo = tinted(colors, row, bright)
                     surface = lit_color(stage, albedo, facing.normalized(), toward_eye, lit, open_share)
                     color = behind + (surface - behind) * faded(fog, z)
             total += color
-        total /= samples * samples
-        total = through_light(light, light_scale, y, x, total)
-        # Half a step of fixed noise hides the bands of smooth gradients.
-        dither = noise(x, y) - 0.5
-        for c in ti.static(range(3)):
-            place = ti.min(ti.sqrt(ti.max(total[c], 0.0)) * ENCODING_STEPS, ENCODING_SIZE - 1.0)
-            value = encoding[ti.cast(place, ti.i32)] + 0.5 + 0.9 * dither
-            out[y, x, c] = ti.cast(ti.min(ti.max(value, 0.0), 255.0), ti.u8)
+        encode(out, encoding, y, x, through_light(light, light_scale, y, x, total / (samples * samples)))

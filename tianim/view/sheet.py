@@ -1,7 +1,6 @@
 """Sheets: several pictures with labels in one, and single pictures as PNG.
 
-A contact sheet shows poses of one film with their times; for a sweep the same sheet shows one
-picture of each run with what was varied.
+A contact sheet shows poses of one film with their times.
 """
 
 from collections.abc import Sequence
@@ -31,14 +30,11 @@ def write_png(path: Path, picture: Picture) -> None:
         Image.fromarray(picture).save(beside, format="PNG", compress_level=6)
 
 
-def sheet(pictures: Sequence[Picture], labels: Sequence[str], columns: int | None = None) -> Picture:
-    """`pictures` in rows with a label under each; all take the size of the first.
-
-    Columns: as given, or such that the sheet is about as wide as it is high.
-    """
+def sheet(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
+    """`pictures` in rows with a label under each; all take the size of the first."""
     if not pictures:
         return np.full((64, 64, 3), PAPER, np.uint8)
-    columns = min(len(pictures), columns or _columns(len(pictures)))
+    columns = _columns(len(pictures))
     rows = ceil(len(pictures) / columns)
     height, width = pictures[0].shape[:2]
     cell_width = min(width, (SHEET_WIDTH - GAP) // columns - GAP)
@@ -58,7 +54,7 @@ def sheet(pictures: Sequence[Picture], labels: Sequence[str], columns: int | Non
 
 
 def _columns(count: int) -> int:
-    """Columns of 16:9 pictures: 1, 2, 2, 2, 3, 3, then four."""
+    """Columns for so many pictures: few gaps in the last row, and never more than four."""
     return {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3, 9: 3}.get(count, 4)
 
 

@@ -98,14 +98,16 @@ class Styles:
         return self._styles[part.name]
 
     def tones(self, part: Part, style: Style) -> Float:
-        """Row of the colour table for each point, shape (n,)."""
+        """Row of the colour table for each point, shape (n,): in the middle of the row, for it is cut off.
+
+        Blended over a triangle, a whole number would fall to the row below it here and there.
+        """
         if style.by is None or not can_color_by(part, style.by):
-            return np.full(len(part.position), style.first_row, np.float32)
+            return np.full(len(part.position), style.first_row + 0.5, np.float32)
         values = values_of(part, style.by, self._survey.flat)
         if style.palette:
-            return (np.floor(np.mod(np.nan_to_num(values), style.palette)) + style.first_row).astype(
-                np.float32
-            )
+            place = np.floor(np.mod(np.nan_to_num(values), style.palette))
+            return (place + 0.5 + style.first_row).astype(np.float32)
         low, high = style.low, style.high
         if style.log:
             tiny = max(1e-4 * abs(high), 1e-30)

@@ -4,7 +4,7 @@ A few dozen frames tell where the action is, how large, how dense, how fast: cam
 colour ranges are then fixed for the whole film.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -63,8 +63,11 @@ class Survey:
         return np.concatenate(self.action) if self.action else np.zeros((0, 3), np.float32)
 
 
-def survey(frames: Frames) -> Survey:
-    """Look through `frames`; a film of no frames, or of nothing, gives an empty survey."""
+def survey(frames: Frames, unframed: Collection[str] = ()) -> Survey:
+    """Look through `frames`; a film of no frames, or of nothing, gives an empty survey.
+
+    The parts `unframed` are no action: the camera may leave them out.
+    """
     indices = _chosen(frames)
     parts: dict[str, Part] = {}
     thinned: list[Frame] = []
@@ -74,10 +77,11 @@ def survey(frames: Frames) -> Survey:
         thinned.append(Frame(frame.index, frame.time, tuple(_thin(part) for part in frame.parts)))
         for part in frame.parts:
             good = finite(part.position)
-            lowest = min(lowest, float(good[:, 1].min())) if len(good) else lowest
+            if len(good) and part.name not in unframed:
+                lowest = min(lowest, float(good[:, 1].min()))
             if part.name not in parts or (place <= len(indices) // 2 and len(part.position)):
                 parts[part.name] = part
-    names = _action_names(parts)
+    names = _action_names({name: part for name, part in parts.items() if name not in unframed})
     action = [_joined([p.position for p in frame.parts if p.name in names]) for frame in thinned]
     return Survey(
         indices=indices,

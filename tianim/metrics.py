@@ -6,6 +6,7 @@ row torn by a kill, before it goes on.
 
 import csv
 import os
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -19,14 +20,22 @@ WHOLE = ("frame", "substeps")
 
 
 def read(path: Path) -> list[dict[str, float]]:
-    """The whole rows of a metrics file, each by column name; [] where there is no file."""
+    """The whole rows of a metrics file, each by column name; [] where there is no file.
+
+    OutputError where it is no such file, or damaged before its last row.
+    """
     if not path.is_file():
         return []
-    lines = path.read_text(encoding="utf-8").split("\n")[:-1]  # what has no line end is torn
-    return [
-        {key: int(value) if key in WHOLE else float(value) for key, value in row.items()}
-        for row in csv.DictReader(lines)
-    ]
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n")[:-1]  # what has no line end is torn
+        table = csv.DictReader(lines)
+        if lines and not {*FIRST_COLUMNS} <= {*(table.fieldnames or ())}:
+            raise ValueError("other columns")
+        return [
+            {key: int(value) if key in WHOLE else float(value) for key, value in row.items()} for row in table
+        ]
+    except (OSError, ValueError, TypeError, csv.Error) as error:
+        raise OutputError(f"{path}: damaged, or no table of metrics; remove it to go on without") from error
 
 
 class Metrics:
@@ -42,10 +51,17 @@ class Metrics:
         beside = path.with_name(f".{path.name}.tmp")
         try:
             self._file = beside.open("w", encoding="utf-8", newline="")
-            for row in rows:
-                self._append(row)
-            self._file.flush()
-            os.replace(beside, path)
+            try:
+                for row in rows:
+                    self._append(row)
+                self._file.flush()
+                os.replace(beside, path)
+            except BaseException:
+                with suppress(OSError):
+                    beside.unlink()
+                with suppress(OSError):
+                    self._file.close()
+                raise
         except OSError as error:
             raise self._failed(error) from error
 

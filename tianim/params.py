@@ -209,7 +209,8 @@ class Keyframes(Params, Generic[T]):
         """Times between the keys where a component of the cubic curve turns, with its values."""
         values = self._values
         roots = np.atleast_1d(self._curve.derivative().roots(extrapolate=False))  # type: ignore[attr-defined]
-        times = np.unique(np.concatenate([np.atleast_1d(times) for times in roots]))
+        # Of a vector, an array of each component's roots; of a number, its roots, which may be none.
+        times = np.unique(np.concatenate([np.zeros(0), *(np.atleast_1d(times) for times in roots)]))
         points = []
         for time in times[np.isfinite(times)]:
             value = self._curve(float(time))

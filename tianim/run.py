@@ -46,8 +46,9 @@ def simulate(
     Raises BlowupError, OutputError and SceneError; the record then says `failed` and why, and
     the last checkpoints stay for --resume.
     """
-    # Before anything of an earlier run goes: are the formats able to hold what there is to write?
-    Plan(folder, scene.output.formats, scene.output, scene.fps).select(simulation.frame())
+    # Before anything of an earlier run goes: is there what is to be written, and can the formats hold it?
+    plan = Plan(folder, scene.output.formats, scene.output, scene.fps)
+    plan.check_parts(part.name for part in plan.select(simulation.frame()).parts)
     with alone(folder):
         claim(folder, scene, options)
         run = _begin(folder, scene, simulation, options)
@@ -64,34 +65,24 @@ def _begin(folder: Path, scene: "Scene", simulation: "Simulation", options: RunO
     last = checkpoint.newest(before.checkpoints) if before is not None else None
     if before is not None and last is not None:
         simulation.restore(last[1])
-        run = before
-        run.record["scene"] = resolved(scene)
         for torn in (
-            path for place in (folder, run.checkpoints, run.frames_folder) for path in place.glob(".*.tmp")
+            path
+            for place in (folder, before.checkpoints, before.frames_folder)
+            for path in place.glob(".*.tmp")
         ):
             _remove(torn)
-    else:
-        run = Run(folder)
-        # In this order, so that a kill in between leaves nothing that a later --resume would believe.
-        _remove(run.checkpoints)
-        run.save(**_first_record(scene))
-        for name in OUTPUTS[1:]:
-            _remove(folder / name)
-    run.save(
-        state="running",
-        message="",
-        frame_count=simulation.frame_count,
-        frames_done=simulation.index + 1 if last is not None else 0,
-        started=_now(),
-        command=list(options.command),
-        scene_file=options.scene_file,
-        stopped_by="",
-        ended="",
-        arch=options.arch,
-        threads=options.threads,
-        versions=info.versions(),
-        machine=info.machine(),
-    )
+        before.save(
+            scene=resolved(scene),
+            frames_done=simulation.index + 1,
+            **_start(simulation.frame_count, options),
+        )
+        return before
+    run = Run(folder)
+    # In this order, so that a kill in between leaves nothing that a later --resume would believe.
+    _remove(run.checkpoints)
+    run.save(**_first_record(scene), **_start(simulation.frame_count, options))
+    for name in OUTPUTS[1:]:
+        _remove(folder / name)
     return run
 
 
@@ -156,10 +147,26 @@ def _first_record(scene: "Scene") -> dict[str, Any]:
         "scene": resolved(scene),
         "seed": scene.seed,
         "fps": scene.fps,
-        "frame_count": 0,
         "frames_done": 0,
-        "state": "running",
         "seconds": 0.0,
+    }
+
+
+def _start(frame_count: int, options: RunOptions) -> dict[str, Any]:
+    """What the record says anew each time the run is started or goes on."""
+    return {
+        "state": "running",
+        "message": "",
+        "frame_count": frame_count,
+        "started": _now(),
+        "command": list(options.command),
+        "scene_file": options.scene_file,
+        "stopped_by": "",
+        "ended": "",
+        "arch": options.arch,
+        "threads": options.threads,
+        "versions": info.versions(),
+        "machine": info.machine(),
     }
 
 

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import ValidationError
 
 from tianim import info
-from tianim.errors import OutputError, SceneError
+from tianim.errors import SceneError
+from tianim.export.files import write_text
 from tianim.export.formats import format_named
 from tianim.export.record import RunFrames
 from tianim.frame import Frame
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 P = TypeVar("P", bound=Params)
 
 RECORD_VERSION = 1
+# What every record has, beside what is only for people.
+RECORD_KEYS = ("scene", "fps", "state", "frame_count", "frames_done", "seconds", "arch", "versions")
 # What a run writes, and --overwrite removes.
 OUTPUTS = (
     "run.json",
@@ -91,6 +94,9 @@ class Run:
                 raise SceneError(
                     f"{path}: record version {record['tianim_run']!r}; this reads {RECORD_VERSION}"
                 )
+            needed = {key: record[key] for key in RECORD_KEYS}
+            if not (isinstance(needed["scene"], dict) and isinstance(needed["versions"], dict)):
+                raise TypeError("scene and versions must be mappings")
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise SceneError(f"{path}: not readable as the record of a run") from error
         return cls(folder, record)
@@ -127,14 +133,7 @@ class Run:
     def save(self, **changes: Any) -> None:
         """Change the record and write it whole. OutputError where that fails."""
         self.record |= changes
-        path, beside = self.folder / "run.json", self.folder / ".run.json.tmp"
-        try:
-            beside.write_text(json.dumps(self.record, indent=1) + "\n", encoding="utf-8")
-            os.replace(beside, path)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                beside.unlink(missing_ok=True)
-            raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+        write_text(self.folder / "run.json", json.dumps(self.record, indent=1) + "\n")
 
 
 def section(model: type[P], data: Mapping[str, Any], overrides: Sequence[str]) -> P:

@@ -19,7 +19,7 @@ from pathlib import Path
 from tianim import metrics
 from tianim.errors import SceneError
 from tianim.export.files import write_text
-from tianim.run_folder import must_be_writable
+from tianim.run_folder import alone, must_be_writable
 from tianim.scene import load_scene
 
 # More runs than this in one sweep are a slip of the keyboard.
@@ -90,13 +90,15 @@ class Result:
 
 
 def run_sweep(sweep: Sweep, jobs: int, report: Callable[[Result], None]) -> list[Result]:
-    """Run every combination, `jobs` at a time; `report` hears of each as it ends. Writes sweep.csv."""
+    """Run every combination, `jobs` at a time; `report` hears of each as it ends. Writes sweep.csv.
+
+    SceneError where the values, the scene or the folder will not do, or another sweep writes there.
+    """
     combinations = sweep.combinations()
     must_be_writable(sweep.folder)
     load_scene(sweep.scene)
-    sweep.folder.mkdir(parents=True, exist_ok=True)
     results = []
-    with ThreadPoolExecutor(jobs) as pool:
+    with alone(sweep.folder), ThreadPoolExecutor(jobs) as pool:
         for result in pool.map(lambda values: _run_one(sweep, values), combinations):
             report(result)
             results.append(result)
@@ -133,6 +135,8 @@ def _axis(text: str) -> tuple[str, list[str]]:
     found = _split(values)
     if not equals or not key.strip() or not all(found):
         raise SceneError(f"sweep {text!r}: must be key=value,value, for example boids.count=1000,2000")
+    if len(set(found)) < len(found):
+        raise SceneError(f"sweep {text!r}: a value is given twice")
     return key.strip(), found
 
 

@@ -3,6 +3,7 @@
 Rich is imported when something is drawn with it, so that the light commands stay quick.
 """
 
+import errno
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -65,6 +66,11 @@ class Commands(TyperGroup):
             return 1
         except (KeyboardInterrupt, typer.Abort):
             return 130
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            note(f"{NAME}: the disk is full")
+            return 1
         except SystemExit as error:
             return self._left_by_library(error)
         except Exception as error:

@@ -10,7 +10,7 @@ sys.path.append(str(Path(__file__).parents[1] / "unit"))
 
 from bad_scenes import BAD_SCENES, BadScene
 
-MOST_LINES = 3
+MOST_LINES = 2
 
 
 def everything(folder: Path) -> dict[str, bytes | None]:

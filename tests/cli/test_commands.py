@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from command import Cli, Start
 
 from tianim import __version__, info
-from tianim.cli import duration
+from tianim.cli.scenes import duration
 from tianim.errors import SceneError
 from tianim.scene import load_scene
 
@@ -73,6 +74,10 @@ def test_the_version(cli: Cli) -> None:
         (("sweep", "nowhere.yaml", "seed=1,2"), "nowhere.yaml: no such file"),
         (("bench", "boids", "--n", "many"), "--n many: must be whole numbers"),
         (("bench", "boids", "--n", "10,0"), "--n 10,0: must be whole numbers"),
+        (("bench", "boids", "--n", "1000.5"), "--n 1000.5: must be whole numbers"),
+        (("bench", "boids", "--n", "inf"), "--n inf: must be whole numbers"),
+        (("schema", "--out", "."), "--out .: a folder; must be the name of a file"),
+        (("export", "nowhere", "--format", " , "), "--format ' , ': must name formats"),
         (("run", "dust.yaml", "--threads", "7", "--arch", "cpu", "--no-preview"), "cannot start another"),
     ],
 )
@@ -178,12 +183,14 @@ def test_info_survives_a_probe_that_dies(monkeypatch: pytest.MonkeyPatch) -> Non
         "hangs": "import time; time.sleep(60)",
     }
     monkeypatch.setattr(info, "PROBE_SECONDS", 3.0)
+    began = time.monotonic()
     assert info.probe(codes) == {
         "good": "usable",
         "killed": "not usable: ended with status -6",
         "bad": "not usable: libfoo.so: not found",
         "hangs": "not usable: no answer in 3 s",
     }
+    assert time.monotonic() - began < 30.0  # the one that hangs was ended, not waited for
 
 
 ROWS = [
@@ -257,8 +264,17 @@ def test_a_reader_that_leaves_early_is_no_error(start: Start) -> None:
     assert child.stderr.read() == ""
 
 
+def test_a_result_that_has_no_room_is_a_line() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "tianim", "schema"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert (done.returncode, done.stderr) == (1, "tianim: the disk is full\n")
+
+
 @pytest.mark.parametrize(
-    ("seconds", "words"), [(0.0123, "0.012 s"), (40.0, "40 s"), (200.0, "3 min"), (9000.0, "2.5 h")]
+    ("seconds", "words"),
+    [(0.0123, "0.012 s"), (40.0, "40 s"), (99.7, "2 min"), (200.0, "3 min"), (9000.0, "2.5 h")],
 )
 def test_durations_are_for_people(seconds: float, words: str) -> None:
     assert duration(seconds) == words

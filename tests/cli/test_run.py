@@ -13,8 +13,11 @@ import pytest
 from command import FRAMES, Cli, Start, frame_bytes
 
 from tianim import checkpoint, metrics
-from tianim.run_folder import Run
-from tianim.scene import load_scene
+from tianim import run as run_module
+from tianim.errors import SceneError
+from tianim.run import simulate
+from tianim.run_folder import Run, RunOptions
+from tianim.scene import build, load_scene
 
 QUICK = ("--no-preview",)
 
@@ -97,6 +100,9 @@ def files(folder: Path) -> dict[str, tuple[int, bytes]]:
         (("--overwrite", "dust.count=-1"), "dust.count"),
         (("--overwrite", "--format", "docx"), "docx"),
         (("--overwrite", "--format", "obj"), "format 'obj' holds triangles only; part 'dust' is points"),
+        (("--overwrite", "output.parts=[smoke]"), "no part is called 'smoke'; there are dust"),
+        (("--overwrite", "output.fields=[heat]"), "no part has 'heat'"),
+        (("--overwrite", "--format", ","), "must name formats"),
         (("--overwrite", "--frames", "0"), "--frames"),
         (("--overwrite", "--threads", "0"), "--threads"),
         (("--overwrite", "--arch", "abacus"), "--arch"),
@@ -151,6 +157,50 @@ def test_a_record_that_cannot_be_read_is_refused(scene: Path, cli: Cli, text: st
     assert "run.json" in result.stderr
 
 
+@pytest.mark.parametrize("key", ["scene", "state", "frames_done", "frame_count", "versions", "arch"])
+@pytest.mark.parametrize("arguments", [("run", "dust.yaml", "--resume"), ("render", "out/dust")])
+def test_a_record_that_lacks_something_is_refused(
+    scene: Path, cli: Cli, key: str, arguments: tuple[str, ...]
+) -> None:
+    Path("out/dust").mkdir(parents=True)
+    whole: dict[str, Any] = {"tianim_run": 1, "fps": 24.0, "state": "done", "seconds": 1.0, "arch": "cpu"}
+    whole |= {"frame_count": 3, "frames_done": 3, "scene": {}, "versions": {}}
+    for wrong in ({name: value for name, value in whole.items() if name != key}, {**whole, "scene": 3}):
+        Path("out/dust/run.json").write_text(json.dumps(wrong))
+        result = cli(*arguments)
+        assert result.exit_code == 2
+        assert result.stderr == "tianim: out/dust/run.json: not readable as the record of a run\n"
+
+
+class Killed(BaseException):
+    """Stands for the end of the process."""
+
+
+@pytest.mark.parametrize("name", ["checkpoints", "frames", "metrics.csv"])
+def test_a_kill_while_the_folder_is_cleared_can_be_resumed(
+    scene: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    cli("run", scene, "--out", "straight", "seed=4", *QUICK)
+    cli("run", scene, *QUICK)
+    remove = run_module._remove
+
+    def kill(path: Path) -> None:
+        if path.name == name:
+            raise Killed
+        remove(path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(run_module, "_remove", kill)
+        with pytest.raises(Killed):
+            cli("run", scene, "seed=4", "--overwrite", *QUICK)
+    resumed = cli("run", scene, "seed=4", "--resume", *QUICK)
+    if name == "checkpoints":  # the earlier run is there still, whole
+        assert "other settings (seed was 3, is 4)" in resumed.stderr
+    else:
+        assert resumed.exit_code == 0
+        assert frame_bytes(Path("out/dust")) == frame_bytes(Path("straight"))
+
+
 def test_resume_after_the_end_does_nothing_and_longer_goes_on(scene: Path, cli: Cli) -> None:
     cli("run", scene, "--out", "straight", *QUICK)
     cli("run", scene, "--frames", 4, *QUICK)
@@ -184,6 +234,70 @@ def test_resume_takes_another_look_and_length(scene: Path, cli: Cli) -> None:
         13,
         320,
     )
+
+
+def test_the_time_of_all_starts_is_added_up(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "--frames", 3, *QUICK)
+    Run.open(Path("out/dust")).save(seconds=1000.0)
+    cli("run", scene, "--resume", *QUICK)
+    assert 1000.0 < record(Path("out/dust"))["seconds"] < 1100.0
+
+
+class SignalAt:
+    """Progress that sends this process Ctrl-C when a frame is made."""
+
+    def __init__(self, index: int) -> None:
+        self.index, self.told = index, 0
+
+    def start(self, first: int, frame_count: int) -> None:
+        pass
+
+    def frame(self, index: int) -> None:
+        if index == self.index:
+            signal.raise_signal(signal.SIGINT)
+
+    def stopping(self) -> None:
+        self.told += 1
+
+
+@pytest.mark.parametrize(("index", "state", "done"), [(2, "stopped", 3), (FRAMES - 1, "done", FRAMES)])
+def test_a_signal_stops_a_run_that_is_not_over(scene: Path, index: int, state: str, done: int) -> None:
+    loaded, progress = load_scene(scene), SignalAt(index)
+    run = simulate(Path("out/dust"), loaded, build(loaded), RunOptions(), progress)
+    assert (run.state, run.record["frames_done"], progress.told) == (state, done, 1)
+    assert Run.open(Path("out/dust")).record == run.record
+    assert (Path("out/dust/frames") / "dust.pvd").exists()
+
+
+def test_from_python_a_run_is_not_overwritten_either(scene: Path, cli: Cli) -> None:
+    cli("run", scene, *QUICK)
+    before, loaded = files(Path("out/dust")), load_scene(scene)
+    with pytest.raises(SceneError, match="holds a finished run of this scene"):
+        simulate(Path("out/dust"), loaded, build(loaded), RunOptions(), SignalAt(-1))
+    assert files(Path("out/dust")) == before
+
+
+def test_a_checkpoint_comes_after_its_frames(scene: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    save = checkpoint.save
+    late: list[int] = []
+
+    def look(folder: Path, index: int, state: dict[str, Any]) -> Path:
+        late.extend(k for k in range(index + 1) if not Path(f"out/dust/frames/dust_{k:04d}.vtu").exists())
+        return save(folder, index, state)
+
+    monkeypatch.setattr(checkpoint, "save", look)
+    large = "dust.count=160000"  # written by the writer process
+    assert cli("run", scene, large, "checkpoint.every=1", *QUICK).exit_code == 0
+    assert late == []
+
+
+def test_resume_removes_what_a_killed_run_left_half_written(scene: Path, cli: Cli) -> None:
+    cli("run", scene, "--frames", 4, *QUICK)
+    torn = [Path("out/dust", place, ".x.tmp") for place in ("", "frames", "checkpoints")]
+    for path in torn:
+        path.touch()
+    assert cli("run", scene, "--resume", *QUICK).exit_code == 0
+    assert not any(path.exists() for path in torn)
 
 
 def test_resume_without_a_run_starts_one(scene: Path, cli: Cli) -> None:

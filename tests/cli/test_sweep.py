@@ -8,7 +8,7 @@ import pytest
 from command import Cli
 
 from tianim.errors import SceneError
-from tianim.run_folder import Run
+from tianim.run_folder import Run, alone
 from tianim.sweep import Result, Sweep
 
 BOIDS = """\
@@ -45,6 +45,20 @@ def test_too_many_are_refused() -> None:
     hundred = ",".join(map(str, range(100)))
     with pytest.raises(SceneError, match="more than 10,000 combinations"):
         sweep(f"a={hundred}", f"b={hundred}", "c=1,2").combinations()
+
+
+def test_a_value_twice_is_refused() -> None:
+    with pytest.raises(SceneError, match="sweep 'a=1,2,1': a value is given twice"):
+        sweep("a=1,2,1").combinations()
+
+
+def test_a_folder_that_will_not_do_is_a_line(scene: Path, cli: Cli) -> None:
+    result = cli("sweep", scene, "seed=1,2", "--out", "/proc/tianim")
+    assert result.exit_code == 2
+    assert result.stderr == "tianim: --out /proc/tianim: cannot be made: No such file or directory\n"
+    with alone(Path("sweeps")):
+        result = cli("sweep", scene, "seed=1,2", "--out", "sweeps")
+    assert (result.exit_code, result.stderr) == (2, "tianim: sweeps: another run is writing there now\n")
 
 
 def test_folders_are_readable_and_apart(tmp_path: Path) -> None:

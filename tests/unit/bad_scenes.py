@@ -225,6 +225,31 @@ KEYS = (
         SCENE.replace("  boids:", "  big boids:"),
     ),
     BadScene(
+        "system name that is too long",
+        (r"scene\.yaml:5: systems\.b{65}: a name has at most 64 characters$",),
+        SCENE.replace("  boids:", f"  {'b' * 65}:"),
+    ),
+    BadScene(
+        "too many bodies",
+        (r"scene\.yaml:8: bodies: must hold at most 1000 entries, not 1001$",),
+        with_bodies(*(f"b{n}x: {{kind: sphere}}" for n in range(1001))),
+    ),
+    BadScene(
+        "version as text",
+        (r"scene\.yaml:1: tianim = '1': must be 1$",),
+        SCENE.replace("tianim: 1", "tianim: '1'"),
+    ),
+    BadScene(
+        "title that is too long",
+        (r"scene\.yaml:8: title = 'x+\.\.\.x+': must have at most 200 characters$",),
+        SCENE + f"title: {'x' * 201}\n",
+    ),
+    BadScene(
+        "time step far below a frame",
+        (r"scene\.yaml:5: systems\.boids: a frame would need more than 1,000,000 substeps of 1e-12 s$",),
+        with_boids("time_step: 1e-12"),
+    ),
+    BadScene(
         "system and body of one name",
         (r"systems\.boids: a system and a body have one name: 'boids'",),
         with_bodies("boids: {kind: sphere}"),

@@ -92,6 +92,13 @@ def test_cubic_is_the_natural_spline() -> None:
     assert [curve.value_at(t) for t in inside] == pytest.approx(reference(inside), abs=AT_KEYS)
 
 
+@pytest.mark.parametrize("of", [Number, Vector3])
+def test_cubic_need_not_turn(of: Any) -> None:
+    keys = [[0, 1.0], [2, 5.0]] if of is Number else [[0, [1, 1, 1]], [2, [5, 1, -3]]]
+    middle = channel(keys, "cubic", of=of).value_at(1.0)
+    assert middle == pytest.approx(3.0 if of is Number else (3.0, 1.0, -1.0), abs=AT_KEYS)
+
+
 def test_pchip_is_scipys_and_does_not_overshoot() -> None:
     curve, reference = channel(KEYS, "pchip"), PchipInterpolator(X, Y)
     inside = TIMES[(TIMES >= 0) & (TIMES <= 5)]
@@ -149,6 +156,11 @@ def test_cubic_that_leaves_the_limits_is_refused() -> None:
     # It turns at the keys themselves: 0 and 1 are reached, rounding may not go beyond.
     waves = channel([[t, t % 2] for t in range(9)], "cubic", of=Number)
     assert np.ptp([waves.value_at(t) for t in np.linspace(0, 8, 999)]) > 1.0
+
+
+def test_rounding_does_not_break_a_limit() -> None:
+    """SciPy's pchip through these ends at -1.1e-16."""
+    assert channel([[0, 0.7], [1, 0.9], [2, 0.0]], "pchip", of=Fraction).value_at(2.0) == 0.0
 
 
 fractions = st.integers(0, 10).map(lambda value: value / 10)
@@ -242,6 +254,19 @@ def test_params_are_frozen_and_lists_become_tuples() -> None:
     assert params.place == (1.0, 2.0, 3.0)
     with pytest.raises(ValidationError):
         params.count = 4  # type: ignore[misc]
+
+
+class Twin(Params):
+    weight: Animated[Positive] = 1.0
+
+
+def test_equal_are_those_of_one_model_with_equal_fields() -> None:
+    assert Inner(weight=2.0) == Inner(weight=2.0) != Inner(weight=3.0)
+    assert Inner() != Twin()
+    assert Inner() != 1.0
+    moving = Outer.model_validate(MOVING)
+    moving.at(1.0)  # caches arrays, which are not compared
+    assert moving == Outer.model_validate(MOVING)
 
 
 class WithFile(Params):

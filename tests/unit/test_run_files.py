@@ -2,6 +2,7 @@
 
 import os
 import signal
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -60,9 +61,41 @@ def test_a_torn_checkpoint_is_passed_over(tmp_path: Path, damage: str) -> None:
     assert found[0] == 3
 
 
+def test_no_damage_is_taken_for_a_whole_checkpoint(tmp_path: Path) -> None:
+    """A wrong byte in ZIP's directory, or zeros from there on: the same state or none, and no error.
+
+    What stands before it, the arrays, has a checksum each.
+    """
+    path = checkpoint.save(tmp_path, 3, {"index": STATE["index"], "dust.steps": np.asarray(9)})
+    whole = path.read_bytes()
+    found = set()
+    for position in range(whole.index(b"PK\x01\x02"), len(whole)):
+        wrong = bytes([whole[position] ^ 0xFF])
+        for damaged in (
+            whole[:position] + wrong + whole[position + 1 :],
+            whole[:position] + bytes(len(whole) - position),
+        ):
+            path.write_bytes(damaged)
+            state = checkpoint.newest(tmp_path)
+            found.add(None if state is None else tuple(f"{k}={v}" for k, v in state[1].items()))
+    assert found <= {None, ("index=3", "dust.steps=9")}
+
+
+def test_a_torn_checkpoint_does_not_count_among_the_last_two(tmp_path: Path) -> None:
+    for index in (3, 6, 9):
+        checkpoint.save(tmp_path, index, STATE)
+    (tmp_path / "frame_0009.npz").write_bytes(b"torn")
+    checkpoint.save(tmp_path, 7, STATE)  # the run went on from 6
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frame_0006.npz", "frame_0007.npz"]
+
+
 def test_a_pickle_is_never_read(tmp_path: Path) -> None:
-    np.savez(tmp_path / "frame_0001.npz", evil=np.array([{"a": 1}], dtype=object))
-    assert checkpoint.newest(tmp_path) is None
+    path = tmp_path / "frame_0001.npz"
+    for kind, expected in ((np.int64, True), (object, False)):
+        np.savez(path, evil=np.array([1], dtype=kind))
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.comment = b"1"
+        assert (checkpoint.newest(tmp_path) is not None) is expected
 
 
 def test_objects_are_never_written(tmp_path: Path) -> None:
@@ -123,6 +156,31 @@ def test_a_resumed_run_drops_later_and_torn_rows(tmp_path: Path) -> None:
         for index in range(3, 7):
             metrics.write(frame(index), 0.25)
     assert path.read_bytes() == straight.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "damage", [b"\xff\xfe\n", b"a,b\n", b"3,0.1\n", b"3,0.1,2,0.2,0.3,0.4\n", b"3,0.1,2,0.2,many\n"]
+)
+def test_damaged_metrics_are_an_output_error(tmp_path: Path, damage: bytes) -> None:
+    path = tmp_path / "metrics.csv"
+    with Metrics(path) as metrics:
+        metrics.write(frame(0), 0.25)
+    header, row = path.read_bytes().splitlines(keepends=True)
+    for text in (header + damage + row, damage + row):
+        path.write_bytes(text)
+        with pytest.raises(OutputError, match=r"metrics.csv: damaged, or no table of metrics"):
+            Metrics(path, kept=0)
+        assert path.read_bytes() == text
+
+
+def test_metrics_that_do_not_begin_leave_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(source: Path, target: Path) -> None:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OutputError, match="No space left"):
+        Metrics(tmp_path / "metrics.csv")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_changed_set_of_diagnostics_is_refused(tmp_path: Path) -> None:

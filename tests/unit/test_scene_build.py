@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ from stub_system import BYTES_PER_ITEM, SECONDS_PER_STEP, Stub, StubParams
 
 from tianim.errors import SceneError
 from tianim.scene import Scene, build, check_memory, scene_from, summarise
+from tianim.scene import summary as summary_module
 from tianim.scene.building import system_seed
 from tianim.scene.models import scene_model
 from tianim.scene.summary import available_memory
@@ -53,6 +55,9 @@ def test_systems_get_bounds_bodies_and_a_seed_of_their_own() -> None:
     assert simulation.bodies.count == 1
     assert one.world.seed != two.world.seed
     assert simulation.frame_count == 49
+    assert one.world.fields is None
+    few = build(scene(output={"fields": ["velocity"]})).systems["one"]
+    assert few.world.fields == {"velocity"}  # type: ignore[attr-defined]
 
 
 def test_seeds_are_the_same_everywhere() -> None:
@@ -89,6 +94,14 @@ def test_summary() -> None:
     assert more.memory - summary.memory >= 1_000_000 * BYTES_PER_ITEM
 
 
+def test_a_step_far_below_a_frame_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such a run would end in its first frame; a start alone has no step."""
+    monkeypatch.setattr(StubParams, "largest_step", lambda _: 1e-9)
+    with pytest.raises(SceneError, match=r"systems\.one: .* more than 1,000,000 substeps of 1e-09 s"):
+        scene(fps=30)
+    assert summarise(scene(fps=1e-320, duration=0)).steps == 0
+
+
 def test_scene_beyond_the_memory_is_refused_before_anything_is_allocated() -> None:
     large = scene(systems={"one": {"kind": "stub", "count": 100_000_000}})
     with pytest.raises(SceneError) as caught:
@@ -103,6 +116,47 @@ def test_scene_beyond_the_memory_is_refused_before_anything_is_allocated() -> No
 def test_available_memory_is_known_here() -> None:
     available = available_memory()
     assert available is None or 10_000_000 < available < 1 << 50
+
+
+@pytest.mark.parametrize(
+    ("files", "left"),
+    [
+        ({"memory.max": 5000, "memory.current": 3000, "memory.stat": "anon 7\ninactive_file 400"}, 2400),
+        ({"memory.max": 5000, "memory.current": 6000, "memory.stat": "anon 7"}, 0),
+        ({"memory.max": "max", "memory.current": 3000, "memory.stat": ""}, None),
+        (
+            {
+                "memory/memory.limit_in_bytes": 9000,
+                "memory/memory.usage_in_bytes": 3000,
+                "memory/memory.stat": "total_inactive_file 50",
+            },
+            6050,
+        ),
+        (
+            {
+                "memory/memory.limit_in_bytes": 9223372036854771712,
+                "memory/memory.usage_in_bytes": 3000,
+                "memory/memory.stat": "",
+            },
+            None,
+        ),
+        ({}, None),
+    ],
+    ids=["version 2", "over its limit", "no limit", "version 1", "version 1, no limit", "no container"],
+)
+def test_a_containers_limit_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files: dict[str, Any], left: int | None
+) -> None:
+    monkeypatch.setattr(summary_module, "CONTROL_GROUPS", tmp_path)
+    machine = available_memory()
+    assert machine is not None
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(f"{content}\n")
+    if left is None:
+        assert available_memory() == pytest.approx(machine, rel=0.5)  # others on this machine take and give
+    else:
+        assert available_memory() == left
 
 
 SPHERES = {"a": {"kind": "sphere"}, "b": {"kind": "sphere", "position": [2, 0, 0]}}

@@ -150,9 +150,20 @@ def test_wrong_overrides_name_themselves(override: str, message: str) -> None:
     assert message.replace("{}", override) in str(caught.value)
 
 
+def test_an_override_that_was_replaced_is_not_blamed() -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_from(DATA, overrides=["swarm.count=5", "swarm={kind: stub, count: -1}"])
+    assert str(caught.value).startswith(
+        "override swarm={kind: stub, count: -1}: systems.swarm.count = -1: must be"
+    )
+
+
 def test_overrides_must_be_a_list() -> None:
     with pytest.raises(SceneError, match="must be a list of key=value"):
         scene_from(DATA, overrides="fps=3")
+    for wrong in ([3], {3: 4}):
+        with pytest.raises(SceneError, match="override 3: a key must be text"):
+            scene_from(DATA, overrides=wrong)  # type: ignore[arg-type]
 
 
 def test_errors_of_the_file_still_name_the_file(tmp_path: Path) -> None:

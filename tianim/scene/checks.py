@@ -5,6 +5,7 @@ from itertools import combinations
 
 from tianim.scene.errors import Problem
 from tianim.scene.models import MOST_FRAMES, Scene
+from tianim.simulation import MOST_SUBSTEPS
 from tianim.spatial.body_overlap import overlap
 
 # Bodies that touch are welcome: a ball on a floor reaches into it by this much through rounding [m].
@@ -15,7 +16,7 @@ MOST_PAIRS = 10_000
 
 def problems_between(scene: Scene) -> list[Problem]:
     """Problems between the parts of a scene whose parts are valid."""
-    return [*_length(scene), *_names(scene), *_overlaps(scene), *_systems(scene)]
+    return [*_length(scene), *_names(scene), *_steps(scene), *_overlaps(scene), *_systems(scene)]
 
 
 def _length(scene: Scene) -> Iterator[Problem]:
@@ -30,6 +31,14 @@ def _names(scene: Scene) -> Iterator[Problem]:
     for name in scene.systems:
         if name in scene.bodies:
             yield Problem(("systems", name), f"a system and a body have one name: {name!r}")
+
+
+def _steps(scene: Scene) -> Iterator[Problem]:
+    for name, params in scene.systems.items():
+        step = params.largest_step()
+        if scene.frame_count > 1 and 1.0 / scene.fps > MOST_SUBSTEPS * step:
+            message = f"a frame would need more than {MOST_SUBSTEPS:,} substeps of {step:g} s"
+            yield Problem(("systems", name), message)
 
 
 def _overlaps(scene: Scene) -> Iterator[Problem]:

@@ -9,7 +9,7 @@ that pydantic adds for members of unions, and what is allowed there, said in wor
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -28,6 +28,7 @@ from tianim.scene.fields import (
     model_for,
     models,
     nearest,
+    peel,
     suggestion,
     unknown_key,
     words,
@@ -211,6 +212,8 @@ def _order(places: Sequence[_Place]) -> Any:
 
 def _problem(place: _Place) -> Problem:
     """The problem that an error of pydantic stands for."""
+    if place.details["loc"][-1:] == ("[key]",):
+        return _wrong_name(place)
     say = _SAYINGS.get(place.type)
     if say is not None:
         return say(place)
@@ -218,14 +221,18 @@ def _problem(place: _Place) -> Problem:
         name, key = _LIMITS[place.type]
         limit = place.details["ctx"][key]
         return Problem(place.path, f"must be {LIMIT_WORDS[name]} {limit:.15g}", place.value)
-    if place.details["loc"][-1:] == ("[key]",):
-        return Problem(
-            place.path, "a name has letters, digits and _, begins with a letter and does not end in a digit"
-        )
     if place.type.endswith(TYPE_ERRORS) or place.type.startswith("string_"):
         return _must_be(place.path, place.annotation, place.value)
     message = place.details["msg"].removeprefix("Value error, ").replace("Input should", "must")
     return Problem(place.path, message, place.value)
+
+
+def _wrong_name(place: _Place) -> Problem:
+    if place.type == "string_too_long":
+        return Problem(place.path, f"a name has at most {place.details['ctx']['max_length']} characters")
+    return Problem(
+        place.path, "a name has letters, digits and _, begins with a letter and does not end in a digit"
+    )
 
 
 _LIMITS = {
@@ -244,7 +251,8 @@ def _must_be(path: Key, annotation: Any, value: Any) -> Problem:
     like = nearest(value, map(str, literals(annotation))) if isinstance(value, str) else None
     message = f"must be {words(annotation)}"
     message += ", or keyframes" if keyframes(annotation) is not None else ""
-    return Problem(path, message + (f"; did you mean {like!r}?" if like else ""), value)
+    meant = "" if like in (None, value) else f"; did you mean {like!r}?"
+    return Problem(path, message + meant, value)
 
 
 def _looks_keyframed(value: Any) -> bool:
@@ -286,6 +294,16 @@ def _too_short(place: _Place) -> Problem:
     return Problem(place.path, f"{message}, as {words(place.annotation)}", place.value)
 
 
+def _too_long(place: _Place) -> Problem:
+    most = place.details["ctx"]["max_length"]
+    if place.type == "string_too_long":
+        return Problem(place.path, f"must have at most {most} characters", place.value)
+    arguments = get_args(peel(place.annotation)[0])
+    if isinstance(place.value, Mapping) or arguments[-1:] == (Ellipsis,):
+        return Problem(place.path, f"must hold at most {most} entries, not {len(place.value)}")
+    return _must_be(place.path, place.annotation, place.value)
+
+
 def _rule(place: _Place) -> Problem:
     """A rule of a model's own; a whole mapping would say little as its value."""
     value = _ABSENT if isinstance(place.value, Mapping) else place.value
@@ -298,7 +316,8 @@ _SAYINGS: dict[str, Callable[[_Place], Problem]] = {
     "union_tag_not_found": _no_kind,
     "union_tag_invalid": _wrong_kind,
     "too_short": _too_short,
-    "too_long": lambda place: _must_be(place.path, place.annotation, place.value),
+    "too_long": _too_long,
+    "string_too_long": _too_long,
     "value_error": _rule,
     "finite_number": lambda place: Problem(place.path, "must be a finite number", place.value),
     "invalid_key": lambda place: Problem(place.path, "a key must be text"),

@@ -53,12 +53,17 @@ def apply(
             path = _set(result, _full_path(result, key, model), value, model)
         except ReadError as error:
             raise SceneError(f"override {text}: {error.reason}") from None
+        # What an earlier override set beneath this place is gone.
+        texts = {other: said for other, said in texts.items() if other[: len(path)] != path}
         texts[path] = text
     return result, texts
 
 
 def _parsed(overrides: Overrides) -> list[tuple[str, Any, str]]:
     """Each override as key, value and the text that messages show."""
+    for one in overrides:
+        if not isinstance(one, str):
+            raise SceneError(f"override {_shown(one)}: a key must be text, as in boids.count=1000")
     if isinstance(overrides, Mapping):
         return [(key, _value(key, value), f"{key}={_shown(value)}") for key, value in overrides.items()]
     if isinstance(overrides, str):

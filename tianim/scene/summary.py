@@ -7,13 +7,13 @@ from pathlib import Path
 
 from tianim.errors import SceneError
 from tianim.scene.models import Scene
+from tianim.simulation import MOST_SUBSTEPS
 
 # Of the interpreter, the compiler and its kernels, whatever the scene [bytes].
 BASE_MEMORY = 300_000_000
 # Pictures and a frame in hand hold copies of positions and velocities [bytes a particle].
 FRAME_BYTES = 64
-# A limit that a container does not set is written as a number near 2^63.
-NO_LIMIT = 1 << 60
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ def summarise(scene: Scene) -> Summary:
     particles = sum(params.particle_count() for params in systems)
     memory = BASE_MEMORY + FRAME_BYTES * particles + sum(params.memory_bytes() for params in systems)
     largest = min(params.largest_step() for params in systems)
-    substeps = max(1, math.ceil(1.0 / scene.fps / largest - 1e-9))
+    # A start alone may have a frame time of any length.
+    substeps = max(1, math.ceil(min(1.0 / scene.fps / largest, MOST_SUBSTEPS) - 1e-9))
     steps = substeps * (scene.frame_count - 1)
     return Summary(
         particles, memory, scene.frame_count, steps, steps * sum(p.seconds_per_step() for p in systems)
@@ -74,17 +75,17 @@ def _machine() -> int | None:
 
 def _container() -> int | None:
     """What a control group leaves, version 2 or 1; its page cache counts as free."""
-    root = Path("/sys/fs/cgroup")
-    for folder, limit_name, used_name, cache in (
-        (root, "memory.max", "memory.current", "inactive_file"),
-        (root / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    for version, limit_name, used_name, cache in (
+        ("", "memory.max", "memory.current", "inactive_file"),
+        ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
     ):
+        folder = CONTROL_GROUPS / version
         try:
             limit = int((folder / limit_name).read_text())
             used = int((folder / used_name).read_text())
             rows = (folder / "memory.stat").read_text().split()
         except (OSError, ValueError):  # no such group, or "max"
             continue
-        if limit < NO_LIMIT:
-            return max(limit - used + int(rows[rows.index(cache) + 1] if cache in rows else 0), 0)
+        # Where there is no limit, version 1 has a number near 2^63.
+        return max(limit - used + int(rows[rows.index(cache) + 1] if cache in rows else 0), 0)
     return None

@@ -42,7 +42,7 @@ class SystemParams(Params):
         raise NotImplementedError
 
     def check_scene(
-        self, scene_bounds: "Bounds", body_names: Collection[str], system_names: Collection[str]
+        self, bounds: "Bounds", body_names: Collection[str], system_names: Collection[str]
     ) -> None:
         """Raise ValueError where the rest of the scene does not fit: bounds, or names that are not there."""
 

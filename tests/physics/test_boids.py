@@ -8,12 +8,15 @@ from checks import as_tests, assert_passes
 
 from tianim.system import Bounds
 from tianim.systems.boids.params import BoidsParams
+from tianim.systems.boids.tables import interaction_table
 from tianim.validate import CASES, Case, flocking
 from tianim.validate.build import OFF, acceleration, advance, built, periodic, rule, runner
 from tianim.validate.flocking import oracle_of
 
 # float32 positions of some metres.
 PLACE = 1e-5
+# Wishes of 3 m/s whose direction is seen over some centimetres between places rounded by 1e-6 m.
+WISH = 1e-3
 
 
 @pytest.mark.parametrize("case", as_tests(case for case in CASES["boids"] if case.system == "boids"))
@@ -140,7 +143,7 @@ def test_a_target_that_is_oneself_is_minded_by_nobody() -> None:
 
 
 def test_a_body_is_a_target() -> None:
-    """Arrival at a body that moves: it is followed, a target at rest would be missed."""
+    """A body that moves is followed; a target at rest would be missed."""
     way = {"keys": ((0.0, (0.0, 0.0, 0.0)), (10.0, (10.0, 0.0, 0.0)))}
     system = built(
         "boids", bodies={"bait": {"kind": "sphere", "radius": 0.01, "position": way}}, count=5,
@@ -151,6 +154,63 @@ def test_a_body_is_a_target() -> None:
     advance(system, 300, 1 / 30)
     assert np.abs(system.read("position")[:, 1:]).max() < 4.0
     assert np.abs(system.read("position")[:, 0] - 10.0).max() < 4.0
+
+
+@pytest.mark.parametrize("kind", ["point", "body"])
+def test_pursuit_aims_where_a_keyframed_target_will_be(kind: str) -> None:
+    """At rest 8 m off at a top speed of 4 m/s: in 2 s a target with 3 m/s along z is 6 m on."""
+    way = {"keys": ((0.0, (8.0, 0.0, 0.0)), (10.0, (8.0, 0.0, 30.0)))}
+    target = {"kind": "point", "position": way} if kind == "point" else {"kind": "body", "name": "bait"}
+    system = built(
+        "boids", bodies={"bait": {"kind": "sphere", "radius": 0.01, "position": way}},
+        separation=OFF, alignment=OFF, cohesion=OFF, limits={"max_speed": 4.0, "max_acceleration": 100.0},
+        start={"kind": "points", "positions": ((0.0, 0.0, 0.0),)}, speed=0.0,
+        behaviours=({"kind": "pursuit", "target": target, "horizon": 5.0},),
+    )  # fmt: skip
+    np.testing.assert_allclose(acceleration(system)[0], [4.0 * 0.8, 0.0, 4.0 * 0.6], atol=PLACE)
+
+
+SEAM_BEHAVIOURS: dict[str, dict[str, Any]] = {
+    "seek": {"target": "point"},
+    "flee": {"target": "point", "radius": 4.0},
+    "arrival": {"target": "point", "slowing_radius": 3.0},
+    "pursuit": {"target": "species", "horizon": 0.5},
+    "evasion": {"target": "species", "horizon": 0.5, "radius": 4.0},
+    "leader": {"leaders": "other", "distance": 0.5, "slowing_radius": 3.0},
+    "roost": {"centre": "point", "radius": 1.5, "vertical": 0.3},
+}
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("kind", SEAM_BEHAVIOURS)
+def test_a_target_is_sought_the_shortest_way_round(kind: str, dimension: int) -> None:
+    """A periodic box and all in it moved until the seam is before the target: nothing changes."""
+    off = {"separation": OFF, "alignment": OFF, "cohesion": OFF}
+    axes = np.arange(3) < dimension
+
+    def wishes(shift: np.ndarray) -> np.ndarray:
+        centre = tuple(float(c) for c in axes * ((5.0 + shift) % 10.0))
+        targets = {
+            "point": {"kind": "point", "position": centre},
+            "species": {"kind": "species", "name": "other"},
+        }
+        behaviour = {"kind": kind, **SEAM_BEHAVIOURS[kind]}
+        if "target" in behaviour:
+            behaviour["target"] = targets[behaviour["target"]]
+        if kind == "roost":
+            behaviour["centre"] = centre
+        others = {"count": 3, "start": {"kind": "ball", "centre": (5.0, 5.0, 5.0), "radius": 1.0}, **off}
+        system = built(
+            "boids", periodic(10.0), **off, count=100, dimension=dimension, behaviours=(behaviour,),
+            start={"kind": "ball", "centre": (5.0, 5.0, 5.0), "radius": 3.5}, species={"other": others},
+            limits={"max_speed": 3.0, "max_acceleration": 1e3},
+        )  # fmt: skip
+        system.write("position", (system.read("position") + shift) % 10.0)
+        return acceleration(system)[:100]
+
+    unmoved = wishes(np.zeros(3))
+    assert np.count_nonzero(np.linalg.norm(unmoved, axis=1)) > 20
+    np.testing.assert_allclose(wishes(axes * [4.5, 6.0, 3.0]), unmoved, atol=WISH)
 
 
 def test_written_places_in_two_dimensions_lie_in_the_plane() -> None:
@@ -183,6 +243,13 @@ def test_a_force_of_ones_own_is_added() -> None:
     system.add_force(lambda time, position, velocity: 3.0 * position + velocity)
     wanted = before + 3.0 * system.read("position") + system.read("velocity")
     np.testing.assert_allclose(acceleration(system), wanted, atol=2e-4)
+
+
+def test_in_two_dimensions_a_force_out_of_the_plane_does_nothing() -> None:
+    """Not even through the limit of the speed."""
+    system = runner(dimension=2)
+    system.add_force(lambda time, position, velocity: np.full((1, 3), (0.0, 0.0, 100.0)))
+    assert np.abs(acceleration(system)).max() == 0.0
 
 
 def test_keyframed_weights_and_radii_are_those_of_the_moment() -> None:
@@ -225,3 +292,26 @@ def test_a_scene_that_does_not_fit_is_refused(fields: dict[str, Any], words: str
     params = BoidsParams.model_validate({"kind": "boids", "count": 1, **fields})
     with pytest.raises(ValueError, match=words):
         params.check_scene(Bounds(), ("stone",), ())
+
+
+def test_more_boids_than_a_target_can_be_found_among_are_refused() -> None:
+    """Ids of targets are exact up to 2^24 only: one more would aim at another boid."""
+    hawks = {"count": 2, "behaviours": ()}
+    flee = {"kind": "flee", "target": {"kind": "species", "name": "hawks"}}
+    most = (1 << 24) - 2
+    BoidsParams.model_validate(
+        {"kind": "boids", "count": most, "species": {"hawks": hawks}, "behaviours": (flee,)}
+    )
+    with pytest.raises(ValueError, match="at most 16,777,216 boids in all"):
+        BoidsParams.model_validate(
+            {"kind": "boids", "count": most + 1, "species": {"hawks": hawks}, "behaviours": (flee,)}
+        )
+
+
+def test_an_interaction_leaves_what_it_does_not_name() -> None:
+    minds = {"flock": {"flock": {"separation": 2.0}, "hawks": {"cohesion": 0.5}}}
+    params = BoidsParams.model_validate(
+        {"count": 1, "species": {"hawks": {"count": 1}}, "interactions": minds}
+    )
+    # Rows: flock-flock, flock-hawks, hawks-flock, hawks-hawks.
+    assert interaction_table(params).tolist() == [[2, 1, 1], [1, 0, 0.5], [1, 0, 0], [1, 1, 1]]

@@ -260,6 +260,15 @@ def test_open_space_far_larger_than_the_table_of_cells(dimension: int) -> None:
     assert_same_pairs(position, 1.0, OPEN, dimension)
 
 
+def test_pairs_far_from_the_corner() -> None:
+    """Partners just a radius apart along x, hundreds of thousands of cells from an odd corner."""
+    radius, rng = 0.0744, np.random.default_rng(9)
+    position = np.zeros((2000, 3), np.float32)
+    position[:1000, 0] = rng.uniform(0.0, 24700.0, 1000)
+    position[1000:, 0] = position[:1000, 0] + radius * rng.uniform(0.99, 1.0, 1000)
+    assert_same_pairs(position, radius, box("contained", -38486.6, 24700.1), 3)
+
+
 def test_pairs_on_the_lattice_of_cells() -> None:
     """Every particle on a corner where eight cells meet; partners one cell on, just inside the radius."""
     side = np.float32(grid_module.CELL_MARGIN)

@@ -60,12 +60,23 @@ HEADROOM = 1.25
 @ti.func
 def nearest_image(d, length):
     """Difference d of two coordinates [m] to the nearest image; `length` of the box, 0: no images."""
-    return d - length * ti.floor(d / ti.max(length, 1e-30) + 0.5)
+    images = length * ti.floor(d / ti.max(length, 1e-30) + 0.5)
+    return d - ti.select(length > 0.0, images, 0.0)
+
+
+@ti.func
+def is_near(dimension: ti.template(), reach, scratch: ti.template(), me, j):
+    """Whether candidate j of a tube is another than `me`, and nearer than sqrt(reach)."""
+    dx, dy, dz = scratch[0, j] - scratch[0, me], scratch[1, j] - scratch[1, me], 0.0
+    if ti.static(dimension == 3):
+        dz = scratch[2, j] - scratch[2, me]
+    return (dx * dx + dy * dy + dz * dz < reach) & (j != me)
 
 
 @ti.kernel
-def count_neighbours(
+def list_neighbours(
     dimension: ti.template(),
+    writing: ti.template(),
     reach: ti.f32,
     shape: i32_1d,
     geometry: f32_1d,
@@ -75,8 +86,14 @@ def count_neighbours(
     scratch: f32_2d,
     tube: i32_2d,
     count: i32_1d,
+    line: i32_2d,
+    offset: i32_1d,
+    neighbour: i32_1d,
 ):
-    """count[i]: particles nearer than sqrt(reach)."""
+    """count[i]: particles nearer than sqrt(reach); where `writing`, their places into row i instead.
+
+    A row is appended to the task's `line` without a branch, then copied.
+    """
     nx = shape[NX]
     for block in range(shape[TASKS] * shape[STRIDE]):
         if block % shape[STRIDE] == 0:
@@ -84,23 +101,24 @@ def count_neighbours(
             for row in range(first_row(task, shape, start), first_row(task + 1, shape, start)):
                 if start[row * nx + nx] == start[row * nx]:
                     continue
-                gather_tube(dimension, False, task, row, shape, geometry, start, x, x, place, scratch, tube)
+                gather_tube(dimension, writing, task, row, shape, geometry, start, x, x, place, scratch, tube)
                 for column in range(nx):
                     cell, s = row * nx + column, slice_of(column, nx)
                     begin, end = tube[task, s - 1], tube[task, s + 2]
                     for i in range(start[cell], start[cell + 1]):
                         me = tube[task, s] + i - start[cell]
-                        xi, yi, zi = scratch[0, me], scratch[1, me], 0.0
-                        if ti.static(dimension == 3):
-                            zi = scratch[2, me]
                         near = 0
-                        for j in range(begin, begin + rounded(end - begin)):
-                            dx, dy, dz = scratch[0, j] - xi, scratch[1, j] - yi, 0.0
-                            if ti.static(dimension == 3):
-                                dz = scratch[2, j] - zi
-                            inside = dx * dx + dy * dy + dz * dz < reach
-                            near += ti.select(inside & (j < end) & (j != me), 1, 0)
-                        count[i] = near
+                        if ti.static(writing):
+                            for j in range(begin, end):
+                                line[task, near] = ti.cast(scratch[6, j], ti.i32)
+                                near += ti.select(is_near(dimension, reach, scratch, me, j), 1, 0)
+                            first = offset[i]
+                            for k in range(near):
+                                neighbour[first + k] = line[task, k]
+                        else:
+                            for j in range(begin, begin + rounded(end - begin)):
+                                near += ti.select(is_near(dimension, reach, scratch, me, j) & (j < end), 1, 0)
+                            count[i] = near
 
 
 @ti.kernel
@@ -115,51 +133,6 @@ def scan(n: ti.i32, count: i32_1d, offset: i32_1d, summary: i64_1d):
     offset[n] = ti.cast(total, ti.i32)
     summary[0] = total
     summary[1] = longest
-
-
-@ti.kernel
-def fill_neighbours(
-    dimension: ti.template(),
-    reach: ti.f32,
-    shape: i32_1d,
-    geometry: f32_1d,
-    start: i32_1d,
-    x: f32_2d,
-    place: i32_2d,
-    scratch: f32_2d,
-    tube: i32_2d,
-    line: i32_2d,
-    offset: i32_1d,
-    neighbour: i32_1d,
-):
-    """Write the rows: each is appended to the task's `line` without a branch, then copied."""
-    nx = shape[NX]
-    for block in range(shape[TASKS] * shape[STRIDE]):
-        if block % shape[STRIDE] == 0:
-            task = block // shape[STRIDE]
-            for row in range(first_row(task, shape, start), first_row(task + 1, shape, start)):
-                if start[row * nx + nx] == start[row * nx]:
-                    continue
-                gather_tube(dimension, True, task, row, shape, geometry, start, x, x, place, scratch, tube)
-                for column in range(nx):
-                    cell, s = row * nx + column, slice_of(column, nx)
-                    begin, end = tube[task, s - 1], tube[task, s + 2]
-                    for i in range(start[cell], start[cell + 1]):
-                        me = tube[task, s] + i - start[cell]
-                        xi, yi, zi = scratch[0, me], scratch[1, me], 0.0
-                        if ti.static(dimension == 3):
-                            zi = scratch[2, me]
-                        near = 0
-                        for j in range(begin, end):
-                            dx, dy, dz = scratch[0, j] - xi, scratch[1, j] - yi, 0.0
-                            if ti.static(dimension == 3):
-                                dz = scratch[2, j] - zi
-                            inside = dx * dx + dy * dy + dz * dz < reach
-                            line[task, near] = ti.cast(scratch[6, j], ti.i32)
-                            near += ti.select(inside & (j != me), 1, 0)
-                        first = offset[i]
-                        for k in range(near):
-                            neighbour[first + k] = line[task, k]
 
 
 @ti.kernel
@@ -270,20 +243,20 @@ class NeighborLists:
         return 4 * (lists + self._line.shape[0] * self._line.shape[1]) + self.grid.memory_bytes()
 
     def _list(self) -> None:
-        grid, x = self.grid, self._reference
-        reach = (self.radius + self.skin) ** 2
-        count_neighbours(
-            self.dimension, reach, grid.shape, grid.geometry, grid.start, x, self._place,
-            grid.scratch, grid.offset, self._near,
-        )  # fmt: skip
+        self._walk(False)
         scan(self.count, self._near, self.offset, self._summary)
         self.pairs, longest = (int(value) for value in self._summary.to_numpy())
         self._reserve(longest)
-        fill_neighbours(
-            self.dimension, reach, grid.shape, grid.geometry, grid.start, x, self._place,
-            grid.scratch, grid.offset, self._line, self.offset, self.neighbour,
-        )  # fmt: skip
+        self._walk(True)
         self._built = True
+
+    def _walk(self, writing: bool) -> None:
+        """Count the neighbours, or write them down."""
+        grid, reach = self.grid, (self.radius + self.skin) ** 2
+        list_neighbours(
+            self.dimension, writing, reach, grid.shape, grid.geometry, grid.start, self._reference,
+            self._place, grid.scratch, grid.offset, self._near, self._line, self.offset, self.neighbour,
+        )  # fmt: skip
 
     def _reserve(self, longest: int) -> None:
         """Room for the pairs and for the longest row, whose append writes one place beyond it."""

@@ -9,7 +9,8 @@ v_max its top speed, d = target - x:
     arrival             a = w (v_max min(|d|/slowing_radius, 1) d/|d| - v)
     wander              a = w n(t), n a smooth random direction of unit length, new `rate` times a second
     cruise              a = w (speed - |v|) v/|v|
-    path                seek of the point `ahead` further along the path than the nearest one
+    path                seek of the point `ahead` further along the path than the nearest one, where
+                        x + 0.5 s v is farther than `radius` from it
     flow                a = w (u(x) - v), u a velocity field
     leader              arrival at `distance` behind the nearest leader
     roost               a = w times: back over the place when beyond `radius` of it, and to its height

@@ -36,18 +36,24 @@ def spend(a: ti.template(), wish, budget):
 
 
 @ti.func
+def candidate(dimension: ti.template(), scratch: ti.template(), j):
+    """Where candidate j of a tube is [m]."""
+    x, y, z = scratch[0, j], scratch[1, j], 0.0
+    if ti.static(dimension == 3):
+        z = scratch[2, j]
+    return x, y, z
+
+
+@ti.func
 def nearest_bound(dimension: ti.template(), k, reach, me, begin, end, scratch: ti.template()):
     """Square of a distance [m2] within which just the k nearest candidates lie, at most `reach`."""
-    xi, yi, zi = scratch[0, me], scratch[1, me], 0.0
-    if ti.static(dimension == 3):
-        zi = scratch[2, me]
+    xi, yi, zi = candidate(dimension, scratch, me)
     low, high, bound = 0.0, reach, reach
     for _ in range(BISECTIONS):
         inside = 0.0
         for j in range(begin, begin + rounded(end - begin)):
-            dx, dy, dz = scratch[0, j] - xi, scratch[1, j] - yi, 0.0
-            if ti.static(dimension == 3):
-                dz = scratch[2, j] - zi
+            xj, yj, zj = candidate(dimension, scratch, j)
+            dx, dy, dz = xj - xi, yj - yi, zj - zi
             r2 = dx * dx + dy * dy + dz * dz
             inside += ti.select((j < end) & (r2 < bound), 1.0, 0.0)
         # The boid itself is among them, beside its k neighbours.
@@ -59,6 +65,85 @@ def nearest_bound(dimension: ti.template(), k, reach, me, begin, end, scratch: t
             high = bound
         bound = 0.5 * (low + high)
     return bound
+
+
+@ti.func
+def minded(sighted: ti.template(), rule: ti.template(), rules: ti.template(), kind, bound, r2, ahead, other):
+    """Weight of a candidate at distance^2 r2 in a rule: `other`, or 0 where too far or out of view."""
+    w = ti.select(r2 < ti.min(rules[kind, rule], bound), other, 0.0)
+    if ti.static(sighted):
+        w = ti.select(ahead >= rules[kind, rule + 2] * r2, w, 0.0)
+    return w
+
+
+@ti.func
+def sums_over(
+    dimension: ti.template(),
+    species_aware: ti.template(),
+    sighted: ti.template(),
+    alike: ti.template(),
+    kind,
+    bound,
+    heading,
+    me,
+    begin,
+    end,
+    rules: ti.template(),
+    interactions: ti.template(),
+    scratch: ti.template(),
+):
+    """Over the neighbours: sum of -d/|d|^2, sum of (v, 1), sum of (d, 1), each in its rule's weights."""
+    kinds = rules.shape[0]
+    hx, hy, hz = heading.x, heading.y, heading.z
+    xi, yi, zi = candidate(dimension, scratch, me)
+    sx, sy, sz = 0.0, 0.0, 0.0
+    ax, ay, az, aligned = 0.0, 0.0, 0.0, 0.0
+    cx, cy, cz, gathered = 0.0, 0.0, 0.0, 0.0
+    for j in range(begin, begin + rounded(end - begin)):
+        xj, yj, zj = candidate(dimension, scratch, j)
+        dx, dy, dz = xj - xi, yj - yi, zj - zi
+        r2 = dx * dx + dy * dy + dz * dz
+        other = ti.select((j < end) & (j != me), 1.0, 0.0)
+        ahead = 0.0
+        if ti.static(sighted):
+            ahead = dx * hx + dy * hy + dz * hz
+            ahead *= ti.abs(ahead)
+        ws = minded(sighted, SEPARATION, rules, kind, bound, r2, ahead, other)
+        wa, wc = ws, ws
+        if ti.static(not alike):
+            wa = minded(sighted, ALIGNMENT, rules, kind, bound, r2, ahead, other)
+            wc = minded(sighted, COHESION, rules, kind, bound, r2, ahead, other)
+        if ti.static(species_aware):
+            pair = kind * kinds + ti.cast(scratch[6, j], ti.i32)
+            pair = ti.min(ti.max(pair, 0), kinds * kinds - 1)
+            ws *= interactions[pair, 0]
+            wa *= interactions[pair, 1]
+            wc *= interactions[pair, 2]
+        ws /= ti.max(r2, TINY)
+        sx -= ws * dx
+        sy -= ws * dy
+        ax += wa * scratch[3, j]
+        ay += wa * scratch[4, j]
+        aligned += wa
+        cx += wc * dx
+        cy += wc * dy
+        gathered += wc
+        if ti.static(dimension == 3):
+            sz -= ws * dz
+            az += wa * scratch[5, j]
+            cz += wc * dz
+    return ti.Vector([sx, sy, sz]), ti.Vector([ax, ay, az, aligned]), ti.Vector([cx, cy, cz, gathered])
+
+
+@ti.func
+def spend_rules(a: ti.template(), kind, velocity, apart, along, together, rules: ti.template()):
+    """Add the three rules to `a` in the order of their urgency, from the sums of `sums_over`."""
+    budget = rules[kind, BUDGET]
+    spend(a, rules[kind, SEPARATION + 1] * apart, budget)
+    if along.w > 0.0:
+        spend(a, rules[kind, ALIGNMENT + 1] * (along.xyz / along.w - velocity), budget)
+    if together.w > 0.0:
+        spend(a, rules[kind, COHESION + 1] / together.w * together.xyz, budget)
 
 
 @ti.kernel
@@ -83,7 +168,6 @@ def flock(
 ):
     """Add the three rules to `acceleration` (4, capacity) [m/s2], row 3 what the budget has spent."""
     nx = shape[NX]
-    kinds = rules.shape[0]
     for block in range(shape[TASKS] * shape[STRIDE]):
         if block % shape[STRIDE] == 0:
             task = block // shape[STRIDE]
@@ -91,19 +175,9 @@ def flock(
                 if start[row * nx + nx] == start[row * nx]:
                     continue
                 gather_tube(
-                    dimension,
-                    species_aware,
-                    task,
-                    row,
-                    shape,
-                    geometry,
-                    start,
-                    x,
-                    v,
-                    species,
-                    scratch,
+                    dimension, species_aware, task, row, shape, geometry, start, x, v, species, scratch,
                     offset,
-                )
+                )  # fmt: skip
                 for column in range(nx):
                     cell, s = row * nx + column, slice_of(column, nx)
                     begin, end = offset[task, s - 1], offset[task, s + 2]
@@ -115,72 +189,15 @@ def flock(
                         bound = ti.max(rules[kind, SEPARATION], rules[kind, ALIGNMENT], rules[kind, COHESION])
                         if ti.static(topological):
                             bound = nearest_bound(dimension, k, bound, me, begin, end, scratch)
-                        rs = ti.min(rules[kind, SEPARATION], bound)
-                        ra = ti.min(rules[kind, ALIGNMENT], bound)
-                        rc = ti.min(rules[kind, COHESION], bound)
-                        vs, va, vc = (
-                            rules[kind, SEPARATION + 2],
-                            rules[kind, ALIGNMENT + 2],
-                            rules[kind, COHESION + 2],
-                        )
-                        heading = ti.Vector([v[0, i], v[1, i], v[2, i]])
-                        heading *= ti.rsqrt(heading.dot(heading) + TINY)
-                        hx, hy, hz = heading.x, heading.y, heading.z
-                        xi, yi, zi = scratch[0, me], scratch[1, me], 0.0
-                        if ti.static(dimension == 3):
-                            zi = scratch[2, me]
-                        sx, sy, sz = 0.0, 0.0, 0.0
-                        ax, ay, az, aligned = 0.0, 0.0, 0.0, 0.0
-                        cx, cy, cz, gathered = 0.0, 0.0, 0.0, 0.0
-                        for j in range(begin, begin + rounded(end - begin)):
-                            dx, dy, dz = scratch[0, j] - xi, scratch[1, j] - yi, 0.0
-                            if ti.static(dimension == 3):
-                                dz = scratch[2, j] - zi
-                            r2 = dx * dx + dy * dy + dz * dz
-                            other = ti.select((j < end) & (j != me), 1.0, 0.0)
-                            ahead = 0.0
-                            if ti.static(sighted):
-                                ahead = dx * hx + dy * hy + dz * hz
-                                ahead *= ti.abs(ahead)
-                            ws = ti.select(r2 < rs, other, 0.0)
-                            if ti.static(sighted):
-                                ws = ti.select(ahead >= vs * r2, ws, 0.0)
-                            wa, wc = ws, ws
-                            if ti.static(not alike):
-                                wa = ti.select(r2 < ra, other, 0.0)
-                                wc = ti.select(r2 < rc, other, 0.0)
-                                if ti.static(sighted):
-                                    wa = ti.select(ahead >= va * r2, wa, 0.0)
-                                    wc = ti.select(ahead >= vc * r2, wc, 0.0)
-                            if ti.static(species_aware):
-                                pair = kind * kinds + ti.cast(scratch[6, j], ti.i32)
-                                pair = ti.min(ti.max(pair, 0), kinds * kinds - 1)
-                                ws *= interactions[pair, 0]
-                                wa *= interactions[pair, 1]
-                                wc *= interactions[pair, 2]
-                            ws /= ti.max(r2, TINY)
-                            sx -= ws * dx
-                            sy -= ws * dy
-                            ax += wa * scratch[3, j]
-                            ay += wa * scratch[4, j]
-                            aligned += wa
-                            cx += wc * dx
-                            cy += wc * dy
-                            gathered += wc
-                            if ti.static(dimension == 3):
-                                sz -= ws * dz
-                                az += wa * scratch[5, j]
-                                cz += wc * dz
+                        velocity = ti.Vector([v[0, i], v[1, i], v[2, i]])
+                        heading = velocity * ti.rsqrt(velocity.dot(velocity) + TINY)
+                        apart, along, together = sums_over(
+                            dimension, species_aware, sighted, alike, kind, bound, heading, me, begin, end,
+                            rules, interactions, scratch,
+                        )  # fmt: skip
                         a = ti.Vector([0.0, 0.0, 0.0, 0.0])
                         for c in ti.static(range(4)):
                             a[c] = acceleration[c, i]
-                        budget = rules[kind, BUDGET]
-                        spend(a, rules[kind, SEPARATION + 1] * ti.Vector([sx, sy, sz]), budget)
-                        if aligned > 0.0:
-                            mean = ti.Vector([ax, ay, az]) / aligned
-                            own = ti.Vector([v[0, i], v[1, i], v[2, i]])
-                            spend(a, rules[kind, ALIGNMENT + 1] * (mean - own), budget)
-                        if gathered > 0.0:
-                            spend(a, rules[kind, COHESION + 1] / gathered * ti.Vector([cx, cy, cz]), budget)
+                        spend_rules(a, kind, velocity, apart, along, together, rules)
                         for c in ti.static(range(4)):
                             acceleration[c, i] = a[c]

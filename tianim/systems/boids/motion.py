@@ -98,6 +98,8 @@ def integrate(
         a *= ti.min(1.0, most * ti.rsqrt(a.dot(a) + TINY))
         if has_external == 1:
             a += column(external, i)
+        if ti.static(dimension == 2):
+            a.z = 0.0
         old = column(v, i)
         new = old + dt * a
         angle = dt * rules[kind, MAX_TURN_RATE]

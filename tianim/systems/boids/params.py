@@ -21,6 +21,8 @@ from tianim.systems.boids.behaviours import (
 MAIN = "flock"  # name of the species that the system's own fields describe
 # Pairs that a step may search for the nearest of a species: about a second on two cores.
 MAX_TARGET_PAIRS = 1_000_000_000
+# Ids of a target species travel to the kernel as float32, which holds every whole number up to here.
+MOST_WITH_TARGETS = 1 << 24
 BYTES_PER_BOID = 104
 BYTES_PER_CANDIDATE = 56
 # Measured at 20 neighbours in 3D; the estimate of `tianim check` scales with nothing finer.
@@ -104,11 +106,15 @@ class Species(Params):
 
 
 class Interaction(Params):
-    """How strongly a boid of one species minds another species in its three rules."""
+    """How strongly a boid of one species minds another species, or its own, in its three rules."""
 
     separation: NonNegative = Field(1.0, description="factor on the other's separation")
-    alignment: NonNegative = Field(0.0, description="factor on the other's velocity")
-    cohesion: NonNegative = Field(0.0, description="factor on the other's place")
+    alignment: NonNegative | None = Field(
+        None, description="factor on the other's velocity; left out: 1 for its own species, else 0"
+    )
+    cohesion: NonNegative | None = Field(
+        None, description="factor on the other's place; left out: 1 for its own species, else 0"
+    )
 
 
 class BoidsParams(Species, SystemParams):
@@ -200,6 +206,11 @@ class BoidsParams(Species, SystemParams):
         place = f"behaviours.{k} of {name}"
         if other not in species:
             raise ValueError(f"{place}: no species {other!r}; there are {', '.join(species)}")
+        if self.particle_count() > MOST_WITH_TARGETS:
+            raise ValueError(
+                f"{place}: a species as target needs at most {MOST_WITH_TARGETS:,} boids in all, "
+                f"not {self.particle_count():,}"
+            )
         pairs = species[name].boid_count() * species[other].boid_count()
         if pairs > MAX_TARGET_PAIRS:
             raise ValueError(

@@ -7,6 +7,7 @@ species are found through `slot`, where each id is stored.
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import smooth_direction
 from tianim.spatial.bodies import signed_distance, surface_velocity
+from tianim.spatial.neighbor_lists import nearest_image
 from tianim.systems.boids.flocking import TINY, spend
 from tianim.systems.boids.tables import (
     ARRIVAL,
@@ -36,6 +37,7 @@ from tianim.systems.boids.tables import (
 )
 
 FAR2 = 1e30  # square of a distance beyond every boid [m2]
+PATH_LOOK_AHEAD = 0.5  # whoever follows a path minds where it will be then [s]
 
 
 @ti.func
@@ -57,14 +59,32 @@ def unit(d):
 
 
 @ti.func
-def nearest_member(table: ti.template(), row, i, slot: ti.template(), x: ti.template()):
+def shortest(periodic: ti.template(), d, box: ti.template()):
+    """The difference d [m], in periodic bounds the shortest way round; `box`: its lengths [m]."""
+    way = d
+    if ti.static(periodic):
+        for c in ti.static(range(3)):
+            way[c] = nearest_image(d[c], box[c])
+    return way
+
+
+@ti.func
+def nearest_member(
+    periodic: ti.template(),
+    table: ti.template(),
+    row,
+    i,
+    slot: ti.template(),
+    x: ti.template(),
+    box: ti.template(),
+):
     """Where the nearest boid of the row's target species is stored, -1 for none."""
     found, best = -1, FAR2
     first = ti.cast(table[row, FIRST], ti.i32)
+    at = column(x, i)
     for q in range(first, first + ti.cast(table[row, COUNT], ti.i32)):
         j = slot[q]
-        dx, dy, dz = x[0, j] - x[0, i], x[1, j] - x[1, i], x[2, j] - x[2, i]
-        r2 = dx * dx + dy * dy + dz * dz
+        r2 = shortest(periodic, column(x, j) - at, box).norm_sqr()
         if r2 < best and j != i:
             best = r2
             found = j
@@ -169,6 +189,7 @@ def find_slots(n: ti.i32, identity: i32_2d, slot: i32_1d):
 @ti.kernel
 def steer(
     dimension: ti.template(),
+    periodic: ti.template(),
     n: ti.i32,
     first: ti.i32,
     last: ti.i32,
@@ -182,6 +203,7 @@ def steer(
     slot: i32_1d,
     x: f32_2d,
     v: f32_2d,
+    box: f32_1d,
     bodies: f32_2d,
     samples: f32_1d,
     body_count: ti.i32,
@@ -202,10 +224,12 @@ def steer(
             target, target_velocity = triple(table, row, TARGET), triple(table, row, TARGET_VELOCITY)
             there = True
             if table[row, COUNT] > 0.5:
-                j = nearest_member(table, row, i, slot, x)
+                j = nearest_member(periodic, table, row, i, slot, x, box)
                 there = j >= 0
                 if there:
                     target, target_velocity = column(x, j), column(v, j)
+            if ti.static(periodic):
+                target = at + shortest(periodic, target - at, box)
             wish = ti.Vector([0.0, 0.0, 0.0])
             if kind == SEEK or kind == FLEE:
                 distance = (target - at).norm()
@@ -228,13 +252,13 @@ def steer(
             elif kind == CRUISE:
                 wish = (table[row, EXTRA] - velocity.norm()) * unit(velocity)
             elif kind == PATH:
-                point = path_point(table, row, path, at + 0.5 * velocity)
+                point = path_point(table, row, path, at + PATH_LOOK_AHEAD * velocity)
                 if point.w > table[row, EXTRA]:
                     wish = top * unit(point.xyz - at) - velocity
             elif kind == FLOW:
                 wish = flow_velocity(table, row, at) - velocity
             elif kind == ROOST:
-                d = triple(table, row, EXTRA) - at
+                d = shortest(periodic, triple(table, row, EXTRA) - at, box)
                 level = ti.Vector([d.x, 0.0, d.z])
                 outside = ti.min(ti.max(level.norm() / table[row, EXTRA + 3] - 1.0, 0.0), 1.0)
                 wish = outside * unit(level) + ti.Vector([0.0, table[row, EXTRA + 4] * d.y, 0.0])

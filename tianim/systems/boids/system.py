@@ -8,8 +8,8 @@ Behaviors For Autonomous Characters, GDC 1999; topological neighbours: M. Baller
 105 (2008), DOI 10.1073/pnas.0711437105.
 
 Limits: rules reach at most one cell of the grid, the largest of their radii. Behaviours with a
-species as target search all its members, a step costs boids times members. The behaviours and the
-walls know periodic bounds only through the rules: a target is sought directly, not round the seam.
+species as target search all its members, a step costs boids times members. In periodic bounds a
+target is sought the shortest way round; paths, flows and bodies as obstacles have no images there.
 """
 
 from collections.abc import Callable
@@ -83,9 +83,13 @@ class Boids(Swarm):
         self._slot = ti.ndarray(ti.i32, capacity if self.behaviours.needs_slots else 1)
         self._external = ti.ndarray(ti.f32, (3, 1))
         self._bounds = ti.ndarray(ti.f32, (2, 3))
+        self._box = ti.ndarray(ti.f32, 3)
         bounds = self.world.bounds
         if bounds.lower is not None and bounds.upper is not None:
-            self._bounds.from_numpy(np.array([bounds.lower, bounds.upper], np.float32))
+            corners = np.array([bounds.lower, bounds.upper], np.float32)
+            self._bounds.from_numpy(corners)
+            length = np.where(np.arange(3) < self.dimension, corners[1] - corners[0], 0.0)
+            self._box.from_numpy(length.astype(np.float32))
         self._packed: BoidsParams | None = None
 
     def _place(self) -> None:
@@ -117,6 +121,7 @@ class Boids(Swarm):
 
     def step(self, time: float, dt: float) -> None:
         """One step: sort, urgent behaviours, the three rules, other behaviours, motion."""
+        self._measured = False
         if self.count == 0:
             return
         self._update(time, dt)
@@ -164,10 +169,11 @@ class Boids(Swarm):
             return
         columns, bodies = self.columns, self.world.bodies
         steer(
-            self.params.dimension, self.count, first, last, time, self.world.seed & 0xFFFFFFFF,
+            self.params.dimension, self.world.bounds.kind == "periodic", self.count, first, last, time,
+            self.world.seed & 0xFFFFFFFF,
             self._table, self._rules, self._path, columns["species"], columns["id"], self._slot,
-            columns["position"], columns["velocity"], bodies.table, bodies.samples, bodies.count,
-            self.acceleration,
+            columns["position"], columns["velocity"], self._box,
+            bodies.table, bodies.samples, bodies.count, self.acceleration,
         )  # fmt: skip
 
     def _apply_forces(self, time: float) -> None:

@@ -92,9 +92,10 @@ def interaction_table(params: BoidsParams) -> Table:
     rows = []
     for who in names:
         for other in names:
-            default = Interaction(alignment=1.0, cohesion=1.0) if who == other else Interaction()
-            factors = params.interactions.get(who, {}).get(other, default)
-            rows.append((factors.separation, factors.alignment, factors.cohesion))
+            given, own = params.interactions.get(who, {}).get(other, Interaction()), float(who == other)
+            alignment = own if given.alignment is None else given.alignment
+            cohesion = own if given.cohesion is None else given.cohesion
+            rows.append((given.separation, alignment, cohesion))
     return np.array(rows, np.float32)
 
 
@@ -102,7 +103,7 @@ class BehaviourTables:
     """Behaviours of all species as rows, the urgent ones first, and the paths they follow."""
 
     def __init__(self, params: BoidsParams, bounds: Bounds, bodies: Bodies) -> None:
-        self.bounds, self.bodies = bounds, bodies
+        self.params, self.bounds, self.bodies = params, bounds, bodies
         names = list(params.all_species())
         self.counts = {name: species.boid_count() for name, species in params.all_species().items()}
         listed = [
@@ -164,7 +165,7 @@ class BehaviourTables:
             if other is not None:
                 row[FIRST], row[COUNT] = self.first_id[other], self.counts[other]
             elif hasattr(behaviour, "target"):
-                place, velocity = self._place(behaviour.target, time, dt)
+                place, velocity = self._place(self._behaviour(self.params, key).target, time, dt)
                 row[TARGET : TARGET + 3], row[TARGET_VELOCITY : TARGET_VELOCITY + 3] = place, velocity
                 row[COUNT] = 0
             kind, extra = self._own(behaviour, key)
@@ -172,11 +173,10 @@ class BehaviourTables:
             row[EXTRA : EXTRA + len(extra)] = extra
         return table
 
-    def _place(self, target: b.Target, time: float, dt: float) -> tuple[Any, Any]:
-        if isinstance(target, b.Point):
-            return target.position, (0.0, 0.0, 0.0)
-        body = self.bodies.params[target.name]
-        now, later = (np.array(body.at(t).position) for t in (time, time + dt))
+    def _place(self, target: b.Point | b.BodyTarget, time: float, dt: float) -> tuple[Any, Any]:
+        """Where a target is and how it moves, from its keyframes where it has some."""
+        thing = target if isinstance(target, b.Point) else self.bodies.params[target.name]
+        now, later = (np.array(thing.at(t).position) for t in (time, time + dt))
         return now, (later - now) / dt
 
     def _own(self, behaviour: b.Behaviour, key: tuple[str, int]) -> tuple[int, list[float]]:

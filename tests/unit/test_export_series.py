@@ -197,7 +197,8 @@ def test_a_refused_part_stops_before_anything_is_written(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("vtu", "usd")])
 def test_exporting_a_run_gives_what_the_run_would_have(tmp_path: Path, name: str) -> None:
-    options = OutputOptions(up_axis="z", parts=("shark",))
+    part = "shark" if "triangles" in FORMATS[name].kinds else "boids"
+    options = OutputOptions(up_axis="z", parts=(part,))
     write_run(tmp_path / "first" / "frames", range(2, 6), (name,), options)
     write_run(tmp_path / "second" / "frames", range(2, 6))
     seen: list[tuple[int, int]] = []
@@ -232,7 +233,28 @@ def test_the_record_is_not_written_over(tmp_path: Path) -> None:
     assert contents(tmp_path / "frames") == before
 
 
-@pytest.mark.parametrize("content", [None, "{", '{"files": [{"name": 1}]}'])
+@pytest.mark.parametrize("target", ["other", "other/frames"])
+def test_the_record_of_another_run_is_not_written_over(tmp_path: Path, target: str) -> None:
+    for name in ("run", "other"):
+        write_run(tmp_path / name / "frames", range(3))
+        (tmp_path / name / "run.json").write_text("{}")
+    before = contents(tmp_path / "other" / "frames")
+    with pytest.raises(FormatError, match="own record is vtu already"):
+        export_run(tmp_path / "run", ("vtu",), OutputOptions(up_axis="z"), folder=tmp_path / target)
+    export_run(tmp_path / "run", ("vtu",), OutputOptions(up_axis="z"), folder=tmp_path / "other" / "copy")
+    assert contents(tmp_path / "other" / "frames") == before
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        None,
+        "{",
+        '{"files": [{"name": 1}]}',
+        '{"files": [{"name": "boids.vtu", "time": 0}]}',
+        '{"files": [{"name": "boids_x.vtu", "time": 0}]}',
+    ],
+)
 def test_a_folder_without_a_record_is_named(tmp_path: Path, content: str | None) -> None:
     if content:
         (tmp_path / "boids.vtu.series").write_text(content)

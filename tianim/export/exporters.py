@@ -17,6 +17,8 @@ from tianim.export.vtu import write_part
 from tianim.frame import Array, Frame, Part, Points
 
 RECORD = "vtu"
+# What a run's folder has beside the frames.
+RUN_FILE = "run.json"
 
 
 @dataclass(frozen=True)
@@ -194,9 +196,9 @@ def export_run(
     target = folder or frames.folder
     options = options or OutputOptions()
     wants_record = RECORD in (format_named(name).name for name in formats)
-    if wants_record and target.resolve() == frames.folder.resolve():
+    if wants_record and (target.resolve() == frames.folder.resolve() or _is_of_a_run(target)):
         raise FormatError(
-            "the run's own record is vtu already; name another folder to write a converted copy"
+            f"{target}: a run's own record is vtu already; name another folder to write a converted copy"
         )
     plan = replace(plan_output(target, formats, options, frames.fps), record=wants_record)
     plan.check_parts(frames.parts)
@@ -217,3 +219,9 @@ def export_run(
     finally:
         exporters.release()
     return target
+
+
+def _is_of_a_run(folder: Path) -> bool:
+    """Whether the folder is that of a run, or of its frames, whose record a copy would replace."""
+    run_folder = folder.resolve().parent if folder.resolve().name == "frames" else folder
+    return (run_folder / RUN_FILE).is_file()

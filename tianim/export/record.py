@@ -1,6 +1,7 @@
 """A finished run read back: its frames from the VTU record, one at a time, when asked for."""
 
 import json
+import re
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -28,19 +29,19 @@ class RunFrames(Sequence[Frame]):
         self._files: dict[int, list[Path]] = {}
         self._times: dict[int, float] = {}
         for part in self.parts:
-            for name, time in self._index(part):
-                number = int(name.removesuffix(".vtu").rpartition("_")[2])
+            for number, name, time in self._index(part):
                 self._files.setdefault(number, []).append(self.folder / name)
                 self._times[number] = time
         if not self._files:
             raise OutputError(f"{folder}: no frames of a run in there")
         self._numbers = sorted(self._files)
 
-    def _index(self, part: str) -> list[tuple[str, float]]:
+    def _index(self, part: str) -> list[tuple[int, str, float]]:
+        """Number, file name and time [s] of each frame of a part."""
         path = self.folder / f"{part}.vtu.series"
         try:
             entries = json.loads(path.read_text(encoding="utf-8"))["files"]
-            return [(str(entry["name"]), float(entry["time"])) for entry in entries]
+            return [(_number(entry["name"]), entry["name"], float(entry["time"])) for entry in entries]
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(f"{path}: cannot read this index of frames ({error})") from error
 
@@ -76,3 +77,11 @@ class RunFrames(Sequence[Frame]):
         number = self._numbers[position]
         parts = tuple(read_vtu(path) for path in self._files[number])
         return Frame(self.index_of(position), self._times[number], parts)
+
+
+def _number(name: str) -> int:
+    """The number in a file's name; ValueError where it has none."""
+    found = re.search(r"_(\d+)\.vtu$", name)
+    if not found:
+        raise ValueError(f"{name!r} has no frame number")
+    return int(found[1])

@@ -8,7 +8,7 @@ from tianim.view import starlight
 from tianim.view.camera import camera_array
 from tianim.view.look import CameraLook, Look
 from tianim.view.painter import Painter
-from tianim.view.starlight import STEPS, Stars, Starlight, gather_light, mean_mass, stars_of
+from tianim.view.starlight import STEPS, Starlight, Stars, gather_light, mean_mass, stars_of
 
 WIDTH, HEIGHT = 320, 180
 COLORS = np.array([[1.0, 0.5, 0.25], [0.2, 0.4, 0.8]], np.float32)

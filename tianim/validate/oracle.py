@@ -67,8 +67,8 @@ class Flock:
         table = np.empty((len(self.names),) * 2)
         for a, who in enumerate(self.names):
             for b, other in enumerate(self.names):
-                default = Interaction(alignment=1.0, cohesion=1.0) if who == other else Interaction()
-                table[a, b] = getattr(self.params.interactions.get(who, {}).get(other, default), rule)
+                given = getattr(self.params.interactions.get(who, {}).get(other, Interaction()), rule)
+                table[a, b] = (who == other) if given is None else given
         return table[self.kind[:, None], self.kind[None, :]]
 
     def wishes(self) -> tuple[Floats, Floats, Floats]:

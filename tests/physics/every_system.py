@@ -6,7 +6,7 @@ python every_system.py THREADS          prints {"kind-example": digest, ...}
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,12 +22,19 @@ STEPS = 12
 
 @dataclass(frozen=True)
 class Example:
-    """Parameters as a scene file has them, and the bounds around; `count` is the field that says how many."""
+    """Parameters as a scene file has them, and the bounds around.
+
+    `count` is the field that says how many, or gives the fields for so many.
+    """
 
     params: Mapping[str, Any]
     bounds: Bounds = OPEN
-    count: str = "count"
+    count: str | Callable[[int], Mapping[str, Any]] = "count"
     note: str = "minimal"
+
+    def sized(self, count: int) -> Mapping[str, Any]:
+        """The parameters that make it so many particles."""
+        return {self.count: count} if isinstance(self.count, str) else self.count(count)
 
 
 _BOX = {"kind": "box", "size": (8.0, 8.0, 8.0)}
@@ -48,6 +55,15 @@ _HUNTED: dict[str, Any] = {
         }
     },
 }
+
+
+def _cluster(count: int) -> dict[str, Any]:
+    """A Plummer sphere of so many stars, or no component at all."""
+    return {"components": {"stars": {"kind": "plummer", "count": count, "mass": 1.0}} if count else {}}
+
+
+_SOFT: dict[str, Any] = {"softening": {"length": 0.05}}
+_TENTH = {"kind": "fixed", "length": 0.1}
 EXAMPLES: dict[str, tuple[Example, ...]] = {
     "boids": (
         Example({"count": 1500, "start": _BOX}),
@@ -61,6 +77,32 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ),
     ),
     "couzin": (Example({"count": 1500, "start": {"kind": "ball", "radius": 15.0}}),),
+    "gravity": (
+        Example({**_cluster(500), **_SOFT, "time_step": _TENTH}, count=_cluster),
+        # Halves of steps are undone, a Runge-Kutta step and the external field have arrays of their own.
+        Example(
+            {
+                **_cluster(300),
+                "time_step": {"kind": "adaptive", "largest": 0.1, "levels": 4},
+                **_SOFT,
+                "integrator": "rk4",
+                "external": ({"kind": "nfw", "mass": 10.0, "scale_radius": 3.0},),
+            },
+            count=_cluster,
+            note="adaptive, in a halo",
+        ),
+        Example(
+            {**_cluster(300), "time_step": {"kind": "block", "largest": 0.1, "levels": 4}, **_SOFT},
+            count=_cluster,
+            note="block steps",
+        ),
+        # Enough for the tree.
+        Example(
+            {**_cluster(3000), **_SOFT, "time_step": _TENTH, "solver": {"kind": "tree"}},
+            count=_cluster,
+            note="tree",
+        ),
+    ),
     "vicsek": (Example({"count": 1500}, Bounds("periodic", (0.0,) * 3, (12.0, 12.0, 1.0))),),
 }
 

@@ -40,7 +40,7 @@ Key = tuple[str | int, ...]
 THREE = 3
 # One name for all that must refer to each other: species, bodies that are targets.
 NAME = "flock"
-OTHER_NAME = "others"
+OTHER_NAME = "south"
 CORNERS = {"lower": [-50.0, -50.0, -50.0], "upper": [50.0, 50.0, 50.0]}
 BOUNDS = ({"kind": "contained", **CORNERS}, {"kind": "periodic", **CORNERS}, {"kind": "open"})
 WORDS = (NAME, "#336699")
@@ -81,7 +81,7 @@ def files() -> Path:
     for path in ("cube.obj", "swim/swim_a_1.obj", "swim/swim_a_2.obj"):
         (folder / path).write_text(CUBE)
     points = np.arange(3 * THREE, dtype=np.float32).reshape(THREE, 3)
-    np.savez(folder / "points.npz", position=points, velocity=points + 1.0)
+    np.savez(folder / "points.npz", position=points, velocity=points + 1.0, mass=np.ones(THREE))
     return folder
 
 
@@ -133,7 +133,9 @@ def example_of(model: Model) -> dict[str, Any]:
     """A smallest valid mapping for `model`."""
     kind = kind_of(model)
     base: dict[str, Any] = {} if kind is None else {"kind": kind}
-    wanted = [name for name, field in model.model_fields.items() if field.is_required() or name == "count"]
+    fields = model.model_fields.items()
+    # An example of what may be left out is for models that need one of several.
+    wanted = [name for name, field in fields if field.is_required() or field.examples or name == "count"]
     for name in wanted:
         field = model.model_fields[name]
         given = field.examples or []
@@ -229,8 +231,12 @@ def _within(annotation: Any, place: Place, key: Key, seen: set[Model]) -> Iterat
     def in_list(raw: Any) -> dict[str, Any]:
         return place([raw])
 
-    def in_mapping(name: str) -> Place:
-        return lambda raw: place({name: raw})
+    def in_mapping(name: str, item: Any) -> Place:
+        # Another beside it, for those that refer to each other; bodies (of many kinds) would overlap.
+        beside = {OTHER_NAME: example(item)}
+        alike = name == NAME and len(models(item)) == 1
+        beside = beside if alike and valid(place({**beside, name: example(item)})) else {}
+        return lambda raw: place({**beside, name: raw})
 
     for model in models(annotation):
         yield from _sites(model, place, key, seen)
@@ -241,4 +247,4 @@ def _within(annotation: Any, place: Place, key: Key, seen: set[Model]) -> Iterat
         elif get_origin(inner) in MAPPINGS:
             item = get_args(inner)[1]
             name = NAME if valid(place({NAME: example(item)})) else OTHER_NAME
-            yield from _within(item, in_mapping(name), (*key, name), seen)
+            yield from _within(item, in_mapping(name, item), (*key, name), seen)

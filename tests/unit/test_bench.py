@@ -32,6 +32,7 @@ KEYS = {
     "overhead_percent",
     "peak_memory_mb",
     "bytes_per_item",
+    "error",
     "steps",
     "rounds",
 }
@@ -39,6 +40,7 @@ VARIANTS = {
     "boids": [""],
     "boids_topological": [""],
     "grid": ["sort from any order", "sort", "walk"],
+    "gravity": ["plummer", "galaxy", "plummer, direct sum", "galaxy, direct sum"],
     "export": ["steps", "a frame a step, not written", "a frame a step", "a frame every 8 steps"],
     "render": ["darts", "spheres"],
     "startup": ["first frame", "first step"],

@@ -1,5 +1,6 @@
 """What each format keeps: the table that the tool prints, tried out and held against what we promise."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -9,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tianim.errors import FormatError, MissingPartError
+from tianim.errors import FormatError, MissingPartError, OutputError
 from tianim.export import FORMATS, OutputOptions, Stamp, format_named, formats_table
-from tianim.export.exporters import Exporters, Plan
+from tianim.export.exporters import Exporters, Plan, plan_output
 from tianim.export.formats import ALL
-from tianim.export.parts import cell_data_of, cells_of
+from tianim.export.parts import byte_count, cell_data_of, cells_of
 from tianim.export.readback import READERS
 from tianim.export.roundtrip import COUNTS, round_trip, sample
 from tianim.frame import Array, Frame, Lines, Mesh, Part, Points
@@ -43,6 +44,7 @@ PROMISED: dict[str, tuple[tuple[str, ...], str, dict[str, str]]] = {
     ),
     "med": (ALL, "exact", {}),
     "npz": (ALL, "exact", {}),
+    "gadget": (("points",), "exact", {}),
     "xdmf_series": (ALL, "exact", {"orientation": "split"}),
     "vtkhdf": (ALL, "exact", {}),
     "usd": (ALL, "exact", {"species": "as int32"}),
@@ -260,7 +262,9 @@ def test_a_ply_keeps_ids_beyond_32_bits_as_double(tmp_path: Path) -> None:
 def test_every_number_type_keeps_its_values(tmp_path: Path, name: str, dtype: str) -> None:
     values = (np.arange(24) % 2).astype(dtype)
     data = {f"k{k}": (values[: 4 * k].reshape(4, k) if k > 1 else values[:4]) for k in (1, 2, 3, 4, 6)}
-    part = Mesh("sample", np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), data)
+    part: Part = Mesh("sample", np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), data)
+    if "triangles" not in PROMISED[name][0]:
+        part = Points("sample", part.position, data)
     try:
         frames = write_frames(tmp_path, name, [part])
     except MissingPartError as error:
@@ -282,6 +286,37 @@ def test_stl_of_a_triangle_without_area_has_no_nan(tmp_path: Path) -> None:
     assert not any(np.isnan(record[0][axis]) for axis in range(3))
 
 
+@pytest.mark.parametrize("name", ["vtkhdf", "xdmf_series"])
+def test_points_may_come_while_the_cells_stay(tmp_path: Path, name: str) -> None:
+    parts: list[Part] = [
+        Mesh("m", np.full((count, 3), count, np.float32), np.array([[0, 1, 2]], np.int32))
+        for count in (3, 5, 4)
+    ]
+    frames = write_frames(tmp_path, name, parts)
+    for part, read in zip(parts, READERS[name](tmp_path, format_named(name), frames), strict=True):
+        np.testing.assert_array_equal(read.position, part.position)
+
+
+def test_usd_has_the_diameter_of_a_radius_as_width(tmp_path: Path) -> None:
+    usd = pytest.importorskip("pxr.Usd")
+    radius = np.array([0.5, 2.0], np.float32)
+    write_frames(tmp_path, "usd", [Points("p", np.zeros((2, 3), np.float32), {"radius": radius})])
+    stage = usd.Stage.Open(str(tmp_path / "scene.usdc"))
+    np.testing.assert_array_equal(stage.GetPrimAtPath("/World/p").GetAttribute("widths").Get(0), [1, 4])
+
+
+@pytest.mark.parametrize("name", ["xdmf", "med", "xdmf_series", "vtkhdf"])
+def test_hdf5_is_not_begun_where_the_room_is_short(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    part = sample("points", 1000)
+    usage = shutil.disk_usage(tmp_path)._replace(free=2 * byte_count(part) + (4 << 20) - 1)
+    monkeypatch.setattr("shutil.disk_usage", lambda path: usage)
+    with pytest.raises(OutputError, match="the disk is full"):
+        write_frames(tmp_path, name, [part])
+    assert {path.suffix for path in tmp_path.iterdir()} <= {".vtu", ".pvd", ".series"}
+
+
 @pytest.mark.parametrize("name", ["xdmf", "msh"])
 def test_points_without_cells_are_refused_where_no_reader_takes_them(tmp_path: Path, name: str) -> None:
     part = Lines("hair", np.zeros((3, 3), np.float32), np.zeros((0, 2), np.int32))
@@ -297,7 +332,8 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
         for name in FORMATS:
             if name != "usd":
                 (folder / name).mkdir(parents=True)
-                write_frames(folder / name, name, [sample("triangles", 10, seed) for seed in range(2)])
+                kind = PROMISED[name][0][-1]
+                write_frames(folder / name, name, [sample(kind, 10, seed) for seed in range(2)])
     first, second = (
         {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")} for folder in folders
     )
@@ -326,6 +362,11 @@ def test_an_unknown_format_names_the_nearest(name: str, near: str | None) -> Non
 @pytest.mark.parametrize("name", ["ply", ".ply", " PLY ", "xdmf-series"])
 def test_a_format_may_be_written_as_users_do(name: str) -> None:
     assert format_named(name).name in ("ply", "xdmf_series")
+
+
+def test_a_format_named_twice_is_written_once_and_the_record_is_not_named(tmp_path: Path) -> None:
+    plan = plan_output(tmp_path, ("ply", "vtu", ".PLY"), OutputOptions(), 25.0)
+    assert plan.formats == ("ply",)
 
 
 def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

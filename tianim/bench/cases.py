@@ -104,6 +104,13 @@ _ALL = (
         SMALLEST_FLOCK,
     ),
     Case(
+        "gravity",
+        "the forces between the stars of a sphere and of a galaxy, tree build included, and their error",
+        "gravity:Forces",
+        (10_000, 100_000, 1_000_000),
+        smallest={3: 2},
+    ),
+    Case(
         "export",
         "steps alone, and with frames written: a frame a step, a frame every 8 steps",
         "frames:Export",

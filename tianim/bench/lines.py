@@ -14,12 +14,14 @@ class Round:
     mean_ms  wall time of one, on average: what the peers give too
     least_ms wall time of the quickest
     split_ms shares of the mean, by pass
+    error    of the result, where one is measured: "median" and "p99"
     """
 
     steps: int
     mean_ms: float
     least_ms: float
     split_ms: Mapping[str, float] = field(default_factory=dict)
+    error: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Line:
     overhead_percent  over the first variant of the case, where the case compares variants
     peak_memory_mb    of the whole process, interpreter and compiler included
     bytes_per_item    of the arrays allocated, stored lists and scratch included
+    error             of the result, where one is measured: relative, "median" and "p99"
     steps             in a round
     """
 
@@ -53,6 +56,7 @@ class Line:
     overhead_percent: float | None
     peak_memory_mb: float | None
     bytes_per_item: float | None
+    error: Mapping[str, float]
     steps: int
     rounds: int
 
@@ -74,4 +78,5 @@ def summary(rounds: Sequence[Round]) -> Round:
         median(one.mean_ms for one in rounds),
         min(one.least_ms for one in rounds),
         {name: median(one.split_ms[name] for one in rounds) for name in rounds[0].split_ms},
+        rounds[0].error,
     )

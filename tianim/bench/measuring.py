@@ -13,6 +13,7 @@ from tianim.lang import ti
 ITEM_STEPS = 1_000_000
 FEWEST_STEPS, MOST_STEPS = 5, 100
 WARM_UP = 2  # as the peers
+WIDTHS = {"f64": 8, "i64": 8, "u8": 1}  # bytes of an entry; of all other types 4
 
 
 def steps_for(n: int) -> int:
@@ -75,7 +76,7 @@ def _array_bytes(thing: object, seen: set[int]) -> int:
     if isinstance(thing, np.ndarray):
         return thing.nbytes
     if isinstance(thing, ti.Ndarray):
-        return 4 * int(np.prod(thing.shape))  # all of ours are float32 or int32
+        return WIDTHS.get(str(thing.dtype), 4) * int(np.prod(thing.shape))
     if isinstance(thing, dict):
         return sum(_array_bytes(value, seen) for value in thing.values())
     if isinstance(thing, list | tuple):

@@ -22,6 +22,9 @@ PYTHON_VARIABLE = "TIANIM_PEERS_PYTHON"
 PYTHON_FOLDER = "~/tianim-peers"
 # The script sets this number itself.
 NUMBA_THREADS = 2
+# Codes of the script, how they are made, and for how many stars they are asked.
+GRAVITY_CODES = (("pytreegrav", "numba", 1 << 31), ("rebound", "C", 1 << 31), ("direct", "numba", 200_000))
+LONGEST_FORCES = 1800.0  # s
 # A step of the array programs takes seconds at a million, and is no rival there.
 LARGEST_ARRAYS = 100_000
 ARRAY_STEPS = 5
@@ -33,9 +36,21 @@ def note(text: str) -> None:
 
 
 @dataclass(frozen=True)
+class Found:
+    """What a peer measured, for the `variant` of our case ("": for all); `threads` None: as many as we."""
+
+    name: str
+    round: Round
+    compiler: str
+    variant: str = ""
+    threads: int | None = None
+
+
+@dataclass(frozen=True)
 class Peer:
     """A program started as `command(n, dim, steps)`.
 
+    read        makes measurements of the lines that it prints; ValueError where there are none
     threads     that it uses, None: as many as we do
     once        run it once a size, not in every round: starting it takes long
     """
@@ -47,37 +62,62 @@ class Peer:
     largest: int = 1 << 31
     most_steps: int = 1 << 31
     environment: Mapping[str, str] = field(default_factory=dict)
+    read: Callable[["Peer", list[str]], list[Found]] | None = None
+    longest: float = LONGEST
 
-    def measure(self, n: int, dim: int, steps: int, threads: int) -> tuple[str, Round]:
-        """The name that it gives itself, and its round; OSError or ValueError where it fails."""
+    def measure(self, n: int, dim: int, steps: int, threads: int) -> list[Found]:
+        """What it measured, under the names that it gives; OSError or ValueError where it fails."""
         steps = min(steps, self.most_steps)
         environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **self.environment}
         command = self.command(n, dim, steps)
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=LONGEST, env=environment, check=False
+            command, capture_output=True, text=True, timeout=self.longest, env=environment, check=False
         )
         lines = done.stdout.strip().splitlines()
         if done.returncode or not lines:
             said = done.stderr.strip().splitlines()[-1:] or [f"status {done.returncode}"]
             raise ValueError(said[0])
-        return _read(json.loads(lines[-1]))
+        return (self.read or _read)(self, lines)
 
 
-def _read(values: dict[str, Any]) -> tuple[str, Round]:
+def _read(peer: Peer, lines: list[str]) -> list[Found]:
+    values: dict[str, Any] = json.loads(lines[-1])
     mean = float(values["ms_per_step"])
     split = {"sort": "ms_sort", "forces": "ms_force"}
     known = {ours: float(values[theirs]) for ours, theirs in split.items() if theirs in values}
-    return str(values["code"]), Round(int(values["steps"]), mean, float(values.get("ms_min", mean)), known)
+    one = Round(int(values["steps"]), mean, float(values.get("ms_min", mean)), known)
+    return [Found(str(values["code"]), one, peer.compiler, threads=peer.threads)]
+
+
+def _read_forces(peer: Peer, lines: list[str]) -> list[Found]:
+    """One line for each code, opening angle and set of stars."""
+    found = []
+    for values in map(json.loads, lines):
+        if "skipped" in values:
+            note(f"{values['code']}: {values['skipped']}: left out")
+        if "err_median" not in values:
+            continue
+        angle = "" if values["theta"] is None else f" {values['theta']:g}"
+        ms = 1e3 * float(values["seconds"])
+        error = {"median": float(values["err_median"]), "p99": float(values["err_99"])}
+        one = Round(1, ms, ms, error=error)
+        name = f"{values['code']}{angle}"
+        found.append(Found(name, one, peer.compiler, str(values["ic"]), int(values["threads"])))
+    if not found:
+        raise ValueError("it measured nothing")
+    return found
 
 
 def find_peers(case: str, folder: Path, work: Path) -> list[Peer]:
     """The peers of a case that can run here; programs are compiled into `work`."""
-    if case not in ("boids", "boids_topological"):
+    if case not in ("boids", "boids_topological", "gravity"):
         note(f"no peers for the case {case}")
         return []
     if not folder.is_dir():
         note(f"no folder {folder}: peers are left out")
         return []
+    if case == "gravity":
+        return _gravity_peers(folder / "gravity" / "run_gravity.py")
     source, script = folder / "boids" / "boids_cpp.cc", folder / "boids" / "boids_python.py"
     if case == "boids_topological":
         return _array_peers(script, ("knn7",))
@@ -124,6 +164,24 @@ def _array_peers(script: Path, methods: tuple[str, ...]) -> list[Peer]:
         return Peer(command, "scipy", workers, once=True, largest=LARGEST_ARRAYS, most_steps=ARRAY_STEPS)
 
     return [peer(method) for method in methods]
+
+
+def _gravity_peers(script: Path) -> list[Peer]:
+    """One process a code: a million stars take some minutes each."""
+    python = _python()
+    if not script.is_file() or python is None:
+        note(
+            f"{f'no {script}' if python else f'no Python with numba ({PYTHON_VARIABLE})'}: peers are left out"
+        )
+        return []
+
+    def peer(code: str, compiler: str, largest: int) -> Peer:
+        def command(n: int, dim: int, steps: int) -> list[str]:
+            return [python, str(script), "--codes", code, "--n", str(n), "--ic", "plummer,galaxy"]
+
+        return Peer(command, compiler, once=True, largest=largest, read=_read_forces, longest=LONGEST_FORCES)
+
+    return [peer(*one) for one in GRAVITY_CODES]
 
 
 def _python() -> str | None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from tianim.bench.cases import CASES, Case, Task, find_case
 from tianim.bench.lines import Line, Round, summary
-from tianim.bench.peers import Peer, find_peers, note
+from tianim.bench.peers import Found, Peer, find_peers, note
 from tianim.bench.worker import Worker, worker
 from tianim.errors import TianimError
 from tianim.scene import load_scene
@@ -23,6 +23,8 @@ LEAST_SECONDS = 0.6
 MOST_ROUNDS = 12
 
 Measured = dict[str, list[Round]]
+# By variant and name.
+Theirs = dict[tuple[str, str], tuple[Found, list[Round]]]
 
 
 def run(
@@ -66,7 +68,7 @@ def _lines(tasks: list[tuple[Case, list[Task]]], folder: Path | None) -> Iterato
 def _measure(case: Case, task: Task, peers: list[Peer]) -> list[Line]:
     """Lines of one size: ours, each variant, then the peers'."""
     ours: Measured = {}
-    theirs: dict[str, tuple[Peer, list[Round]]] = {}
+    theirs: Theirs = {}
     waiting = [peer for peer in peers if task.n <= peer.largest]
     with worker(task) as process:
         threads = int(process.about["threads"])
@@ -83,25 +85,22 @@ def _measure(case: Case, task: Task, peers: list[Peer]) -> list[Line]:
         return [*_our_lines(case, process, ours, theirs), *_their_lines(task, threads, theirs)]
 
 
-def _run_peer(
-    peer: Peer, task: Task, steps: int, threads: int, theirs: dict[str, tuple[Peer, list[Round]]]
-) -> bool:
+def _run_peer(peer: Peer, task: Task, steps: int, threads: int, theirs: Theirs) -> bool:
     try:
-        name, one = peer.measure(task.n, task.dim, steps, threads)
+        found = peer.measure(task.n, task.dim, steps, threads)
     except (OSError, ValueError, KeyError, subprocess.TimeoutExpired) as error:
         note(f"{peer.command(task.n, task.dim, steps)[0]}: {error}: left out")
         return False
-    theirs.setdefault(name, (peer, []))[1].append(one)
+    for one in found:
+        theirs.setdefault((one.variant, one.name), (one, []))[1].append(one.round)
     return True
 
 
-def _our_lines(
-    case: Case, process: Worker, ours: Measured, theirs: dict[str, tuple[Peer, list[Round]]]
-) -> list[Line]:
+def _our_lines(case: Case, process: Worker, ours: Measured, theirs: Theirs) -> list[Line]:
     about, end = process.about, process.end()
     results = {variant: summary(rounds) for variant, rounds in ours.items()}
     first = next(iter(results.values()))
-    peers = {name: summary(rounds).mean_ms for name, (_, rounds) in theirs.items()}
+    peers = {key: summary(rounds).mean_ms for key, (_, rounds) in theirs.items()}
     return [
         Line(
             case=case.name,
@@ -113,12 +112,17 @@ def _our_lines(
             threads=about["threads"],
             ms_per_step=one.mean_ms,
             ns_per_item_step=1e6 * one.mean_ms / max(about["n"], 1),
-            ratio={name: one.mean_ms / mean for name, mean in peers.items()},
+            ratio={
+                name: one.mean_ms / mean
+                for (of, name), mean in peers.items()
+                if of in ("", variant.split(",")[0])
+            },
             split_ms=one.split_ms,
             ms_min=one.least_ms,
             overhead_percent=100 * (one.mean_ms / first.mean_ms - 1) if case.compared else None,
             peak_memory_mb=end["peak_memory_mb"],
             bytes_per_item=end["bytes_per_item"],
+            error=one.error,
             steps=one.steps,
             rounds=len(ours[variant]),
         )
@@ -126,19 +130,19 @@ def _our_lines(
     ]
 
 
-def _their_lines(task: Task, threads: int, theirs: dict[str, tuple[Peer, list[Round]]]) -> list[Line]:
+def _their_lines(task: Task, threads: int, theirs: Theirs) -> list[Line]:
     lines = []
-    for name, (peer, rounds) in theirs.items():
+    for (variant, name), (found, rounds) in theirs.items():
         one = summary(rounds)
         lines.append(
             Line(
                 case=task.case,
-                variant="",
+                variant=variant,
                 engine=name,
-                compiler=peer.compiler,
+                compiler=found.compiler,
                 n=task.n,
                 dim=task.dim,
-                threads=peer.threads or threads,
+                threads=found.threads or threads,
                 ms_per_step=one.mean_ms,
                 ns_per_item_step=1e6 * one.mean_ms / task.n,
                 ratio={},
@@ -147,6 +151,7 @@ def _their_lines(task: Task, threads: int, theirs: dict[str, tuple[Peer, list[Ro
                 overhead_percent=None,
                 peak_memory_mb=None,
                 bytes_per_item=None,
+                error=one.error,
                 steps=one.steps,
                 rounds=len(rounds),
             )

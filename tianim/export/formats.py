@@ -101,6 +101,7 @@ _TABLE = (
     Format("msh", "Gmsh 4.1", "meshio_formats", (".msh",)),
     Format("med", "Salome", "meshio_formats", (".med",)),
     Format("npz", "NumPy", "npz", (".npz",)),
+    Format("gadget", "yt, pynbody, GADGET: snapshots of stars", "gadget", (".hdf5",), ("points",)),
     Format(
         "xdmf_series", "ParaView, VisIt; one pair a part", "xdmf_series", (".xdmf", ".h5"), whole_run=True
     ),

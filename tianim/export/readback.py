@@ -80,6 +80,23 @@ def _read_npz(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[Re
     return found
 
 
+def _read_gadget(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
+    import h5py
+
+    from tianim.export.gadget import DATASETS, TYPES
+
+    ours = {name: one for one, name in DATASETS.items()}
+    found = []
+    for path in _files(folder, format_, frames):
+        with h5py.File(path) as file:
+            groups = [file[f"PartType{kind}"] for kind in range(TYPES) if f"PartType{kind}" in file]
+            data = {
+                ours.get(name, name): np.concatenate([group[name] for group in groups]) for name in groups[0]
+            }
+        found.append(ReadBack(data.pop("position"), None, data))
+    return found
+
+
 def _read_xdmf_series(folder: Path, format_: Format, frames: Sequence[Frame]) -> list[ReadBack]:
     import h5py
 
@@ -184,6 +201,7 @@ READERS: Mapping[str, Reader] = {
     **{name: _read_meshio for name, one in FORMATS.items() if one.module == "meshio_formats"},
     "vtu": _read_vtu,
     "npz": _read_npz,
+    "gadget": _read_gadget,
     "xdmf_series": _read_xdmf_series,
     "vtkhdf": _read_vtkhdf,
     "usd": _read_usd,

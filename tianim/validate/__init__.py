@@ -16,7 +16,17 @@ from typing import Any
 
 from tianim import runtime
 from tianim.errors import BlowupError, SceneError
-from tianim.validate import couzin, flocking, limits, murmuration, steering, steering_laws, vicsek
+from tianim.validate import (
+    couzin,
+    flocking,
+    gravity,
+    gravity_galaxies,
+    limits,
+    murmuration,
+    steering,
+    steering_laws,
+    vicsek,
+)
 from tianim.validate.case import Case, Figure
 
 __all__ = ["CASES", "Case", "Figure", "run"]
@@ -25,6 +35,7 @@ _FLOCKS = (*flocking.CASES, *steering_laws.CASES, *steering.CASES, *limits.CASES
 CASES: dict[str, tuple[Case, ...]] = {
     "boids": (*_FLOCKS, *vicsek.CASES, *couzin.CASES),
     "couzin": couzin.CASES,
+    "gravity": (*gravity.CASES, *gravity_galaxies.CASES),
     "vicsek": vicsek.CASES,
 }
 

@@ -19,6 +19,7 @@ BENCH_COLUMNS = (
     "ms_per_step",
     "ns_per_item_step",
     "ratio",
+    "error",
     "split_ms",
 )
 VALIDATE_COLUMNS = ("system", "check", "expected", "measured", "error", "tolerance", "passed", "seconds")

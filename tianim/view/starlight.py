@@ -25,8 +25,8 @@ from tianim.view.layout import HEIGHT, NEAR, WIDTH, i64_3d, to_screen, to_view
 Float = NDArray[np.float32]
 
 STEPS = float(1 << 20)  # steps of the summed light in the light of one mean star
-CORE = 0.62  # standard deviation of the sharp part of a star [pixels of 720 rows]
-WINGS = ((3.0, 0.14), (14.0, 0.05))  # standard deviation [pixels of 720 rows] and share of the light
+CORE = 0.75  # standard deviation of the sharp part of a star [pixels of 720 rows]
+WINGS = ((3.5, 0.38), (14.0, 0.10))  # standard deviation [pixels of 720 rows] and share of the light
 BRIGHT = 99.8  # percentile of the lit pixels that is shown white
 FAINT = 50.0  # percentile of the lit pixels that is shown as FAINT_SHOWN
 FAINT_SHOWN = 0.035

@@ -25,10 +25,11 @@ are held relative to it and cells at the lower side relative to that, which is e
 
 A kernel that walks:
 
-    for task in range(tasks(shape)):                       # see `flock` in systems/boids
-        for row in range(first_row(...), first_row(...)):
-            gather the tube, then for each cell of the row, for each particle i of the cell:
-                for j in range(begin, begin + rounded): test and use scratch[:, j]
+    for each task:                                         # see `flock` in systems/boids
+        while there are pieces to take:
+            for row in range(first_row(piece), first_row(piece + 1)):
+                gather the tube, then for each cell of the row, for each particle i of the cell:
+                    for j in range(begin, begin + rounded): test and use scratch[:, j]
 
 Limits: a periodic box must be at least 3.003 radii wide on every axis that has more than one cell.
 """
@@ -54,11 +55,13 @@ CELLS_PER_PARTICLE = 2
 PERIODIC_CELLS_PER_PARTICLE = 8
 FEWEST_CELLS = 4096  # that a box may have in any case
 MIN_CELLS = 3  # on an axis
+# Pieces of a walk for each task, taken in turn: one that is held up by another process does fewer.
+PIECES = 8
 NARROWEST = MIN_CELLS * CELL_MARGIN  # a periodic box, in radii
 PAGE_OF_CANDIDATES = 4096
 
 # Entries of the two small arrays that describe a grid to kernels.
-NX, NY, NZ, COUNT, TASKS, STRIDE, CAPACITY, PERIODIC = range(8)
+NX, NY, NZ, COUNT, TASKS, STRIDE, CAPACITY, PERIODIC, TURN = range(9)
 LOWER, INVERSE, LOW_SIDE, HIGH_SIDE = 0, 3, 6, 9  # each three floats
 
 
@@ -149,13 +152,25 @@ def largest_tube(dimension: ti.template(), shape: i32_1d, start: i32_1d) -> ti.i
 
 
 @ti.func
-def first_row(t, shape: ti.template(), start: ti.template()):
-    """First row of cells that task t walks: rows are shared out so that particles are even."""
+def pieces(shape: ti.template()):
+    """Pieces that a walk is cut into."""
+    return shape[TASKS] * PIECES
+
+
+@ti.func
+def take_turn(shape: ti.template()):
+    """The next piece of a walk that no task has taken yet; `shape[TURN]` is 0 when a walk begins."""
+    return ti.atomic_add(shape[TURN], 1)
+
+
+@ti.func
+def first_row(piece, shape: ti.template(), start: ti.template()):
+    """First row of cells of a piece of a walk: rows are shared out so that particles are even."""
     nx = shape[NX]
     rows = shape[NY] * shape[NZ]
-    wanted = share(shape[COUNT], t, shape[TASKS])
+    wanted = share(shape[COUNT], piece, pieces(shape))
     low, high = 0, rows
-    if t < shape[TASKS]:
+    if piece < pieces(shape):
         while low < high:
             middle = (low + high) // 2
             if start[middle * nx] < wanted:
@@ -291,7 +306,7 @@ class NeighborGrid:
         self.radius = 0.0
         self.cell = ti.ndarray(ti.i32, staggered(count))
         self.destination = ti.ndarray(ti.i32, staggered(count))
-        self.shape = ti.ndarray(ti.i32, 8)
+        self.shape = ti.ndarray(ti.i32, 9)
         self.geometry = ti.ndarray(ti.f32, 12)
         self._cells = 0
         self._columns = 0
@@ -359,6 +374,7 @@ class NeighborGrid:
                     self.stride,
                     self._capacity,
                     self.bounds.kind == "periodic",
+                    0,
                 ],
                 np.int32,
             )

@@ -41,12 +41,15 @@ from tianim.spatial.grid import (
     NX,
     STRIDE,
     TASKS,
+    TURN,
     NeighborGrid,
     first_row,
     gather_tube,
+    pieces,
     rounded,
     share,
     slice_of,
+    take_turn,
 )
 from tianim.system import Bounds
 
@@ -95,30 +98,38 @@ def list_neighbours(
     A row is appended to the task's `line` without a branch, then copied.
     """
     nx = shape[NX]
+    shape[TURN] = 0
     for block in range(shape[TASKS] * shape[STRIDE]):
         if block % shape[STRIDE] == 0:
             task = block // shape[STRIDE]
-            for row in range(first_row(task, shape, start), first_row(task + 1, shape, start)):
-                if start[row * nx + nx] == start[row * nx]:
-                    continue
-                gather_tube(dimension, writing, task, row, shape, geometry, start, x, x, place, scratch, tube)
-                for column in range(nx):
-                    cell, s = row * nx + column, slice_of(column, nx)
-                    begin, end = tube[task, s - 1], tube[task, s + 2]
-                    for i in range(start[cell], start[cell + 1]):
-                        me = tube[task, s] + i - start[cell]
-                        near = 0
-                        if ti.static(writing):
-                            for j in range(begin, end):
-                                line[task, near] = ti.cast(scratch[6, j], ti.i32)
-                                near += ti.select(is_near(dimension, reach, scratch, me, j), 1, 0)
-                            first = offset[i]
-                            for k in range(near):
-                                neighbour[first + k] = line[task, k]
-                        else:
-                            for j in range(begin, begin + rounded(end - begin)):
-                                near += ti.select(is_near(dimension, reach, scratch, me, j) & (j < end), 1, 0)
-                            count[i] = near
+            piece = take_turn(shape)
+            while piece < pieces(shape):
+                for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
+                    if start[row * nx + nx] == start[row * nx]:
+                        continue
+                    gather_tube(
+                        dimension, writing, task, row, shape, geometry, start, x, x, place, scratch, tube
+                    )
+                    for column in range(nx):
+                        cell, s = row * nx + column, slice_of(column, nx)
+                        begin, end = tube[task, s - 1], tube[task, s + 2]
+                        for i in range(start[cell], start[cell + 1]):
+                            me = tube[task, s] + i - start[cell]
+                            near = 0
+                            if ti.static(writing):
+                                for j in range(begin, end):
+                                    line[task, near] = ti.cast(scratch[6, j], ti.i32)
+                                    near += ti.select(is_near(dimension, reach, scratch, me, j), 1, 0)
+                                first = offset[i]
+                                for k in range(near):
+                                    neighbour[first + k] = line[task, k]
+                            else:
+                                for j in range(begin, begin + rounded(end - begin)):
+                                    near += ti.select(
+                                        is_near(dimension, reach, scratch, me, j) & (j < end), 1, 0
+                                    )
+                                count[i] = near
+                piece = take_turn(shape)
 
 
 @ti.kernel

@@ -25,7 +25,19 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import normal3, unit_vector
 from tianim.params import Animated, Count, Degrees, NonNegative, Positive
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded, slice_of
+from tianim.spatial.grid import (
+    NX,
+    STRIDE,
+    TASKS,
+    TURN,
+    NeighborGrid,
+    first_row,
+    gather_tube,
+    pieces,
+    rounded,
+    slice_of,
+    take_turn,
+)
 from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.flocking import TINY
@@ -99,62 +111,66 @@ def decide(
 ):
     """The direction each wants, into `wish` (3, capacity); the radii are squared."""
     nx = shape[NX]
+    shape[TURN] = 0
     for block in range(shape[TASKS] * shape[STRIDE]):
         if block % shape[STRIDE] == 0:
             task = block // shape[STRIDE]
-            for row in range(first_row(task, shape, start), first_row(task + 1, shape, start)):
-                if start[row * nx + nx] == start[row * nx]:
-                    continue
-                gather_tube(3, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
-                for c in range(nx):
-                    cell, s = row * nx + c, slice_of(c, nx)
-                    begin, end = offset[task, s - 1], offset[task, s + 2]
-                    for i in range(start[cell], start[cell + 1]):
-                        me = offset[task, s] + i - start[cell]
-                        heading = column(v, i)
-                        heading *= ti.rsqrt(heading.dot(heading) + TINY)
-                        hx, hy, hz = heading.x, heading.y, heading.z
-                        xi, yi, zi = scratch[0, me], scratch[1, me], scratch[2, me]
-                        rx, ry, rz, close = 0.0, 0.0, 0.0, 0.0
-                        ox, oy, oz, aligned = 0.0, 0.0, 0.0, 0.0
-                        ax, ay, az, far = 0.0, 0.0, 0.0, 0.0
-                        for j in range(begin, begin + rounded(end - begin)):
-                            dx, dy, dz = scratch[0, j] - xi, scratch[1, j] - yi, scratch[2, j] - zi
-                            r2 = dx * dx + dy * dy + dz * dz
-                            ahead = dx * hx + dy * hy + dz * hz
-                            other = ti.select((j < end) & (j != me), 1.0, 0.0)
-                            seen = ti.select(ahead * ti.abs(ahead) >= view * r2, other, 0.0)
-                            near = ti.select(r2 < repulsion, other, 0.0)
-                            middle = ti.select((r2 >= repulsion) & (r2 < orientation), seen, 0.0)
-                            outer = ti.select(
-                                (r2 >= orientation) & (r2 >= repulsion) & (r2 < attraction), seen, 0.0
-                            )
-                            inverse = ti.rsqrt(r2 + TINY)
-                            rx -= near * inverse * dx
-                            ry -= near * inverse * dy
-                            rz -= near * inverse * dz
-                            close += near
-                            ox += middle * scratch[3, j]
-                            oy += middle * scratch[4, j]
-                            oz += middle * scratch[5, j]
-                            aligned += middle
-                            ax += outer * inverse * dx
-                            ay += outer * inverse * dy
-                            az += outer * inverse * dz
-                            far += outer
-                        # All fly at one speed: the sum of velocities has the direction of the units'.
-                        together = ti.Vector([ox, oy, oz]) * ti.rsqrt(column(v, i).norm_sqr() + TINY)
-                        towards = ti.Vector([ax, ay, az])
-                        want = together + towards
-                        if close > 0.0:
-                            want = ti.Vector([rx, ry, rz])
-                        elif aligned > 0.0 and far > 0.0:
-                            want = 0.5 * want
-                        if want.norm() < 1e-6:
-                            want = heading
-                        want = want.normalized()
-                        for c in ti.static(range(3)):
-                            wish[c, i] = want[c]
+            piece = take_turn(shape)
+            while piece < pieces(shape):
+                for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
+                    if start[row * nx + nx] == start[row * nx]:
+                        continue
+                    gather_tube(3, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
+                    for c in range(nx):
+                        cell, s = row * nx + c, slice_of(c, nx)
+                        begin, end = offset[task, s - 1], offset[task, s + 2]
+                        for i in range(start[cell], start[cell + 1]):
+                            me = offset[task, s] + i - start[cell]
+                            heading = column(v, i)
+                            heading *= ti.rsqrt(heading.dot(heading) + TINY)
+                            hx, hy, hz = heading.x, heading.y, heading.z
+                            xi, yi, zi = scratch[0, me], scratch[1, me], scratch[2, me]
+                            rx, ry, rz, close = 0.0, 0.0, 0.0, 0.0
+                            ox, oy, oz, aligned = 0.0, 0.0, 0.0, 0.0
+                            ax, ay, az, far = 0.0, 0.0, 0.0, 0.0
+                            for j in range(begin, begin + rounded(end - begin)):
+                                dx, dy, dz = scratch[0, j] - xi, scratch[1, j] - yi, scratch[2, j] - zi
+                                r2 = dx * dx + dy * dy + dz * dz
+                                ahead = dx * hx + dy * hy + dz * hz
+                                other = ti.select((j < end) & (j != me), 1.0, 0.0)
+                                seen = ti.select(ahead * ti.abs(ahead) >= view * r2, other, 0.0)
+                                near = ti.select(r2 < repulsion, other, 0.0)
+                                middle = ti.select((r2 >= repulsion) & (r2 < orientation), seen, 0.0)
+                                outer = ti.select(
+                                    (r2 >= orientation) & (r2 >= repulsion) & (r2 < attraction), seen, 0.0
+                                )
+                                inverse = ti.rsqrt(r2 + TINY)
+                                rx -= near * inverse * dx
+                                ry -= near * inverse * dy
+                                rz -= near * inverse * dz
+                                close += near
+                                ox += middle * scratch[3, j]
+                                oy += middle * scratch[4, j]
+                                oz += middle * scratch[5, j]
+                                aligned += middle
+                                ax += outer * inverse * dx
+                                ay += outer * inverse * dy
+                                az += outer * inverse * dz
+                                far += outer
+                            # All fly at one speed: the sum of velocities has the direction of the units'.
+                            together = ti.Vector([ox, oy, oz]) * ti.rsqrt(column(v, i).norm_sqr() + TINY)
+                            towards = ti.Vector([ax, ay, az])
+                            want = together + towards
+                            if close > 0.0:
+                                want = ti.Vector([rx, ry, rz])
+                            elif aligned > 0.0 and far > 0.0:
+                                want = 0.5 * want
+                            if want.norm() < 1e-6:
+                                want = heading
+                            want = want.normalized()
+                            for c in ti.static(range(3)):
+                                wish[c, i] = want[c]
+                piece = take_turn(shape)
 
 
 @ti.kernel

@@ -16,7 +16,18 @@ number of candidates within it, which vectorises, and then bounds the three radi
 """
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.spatial.grid import NX, STRIDE, TASKS, first_row, gather_tube, rounded, slice_of
+from tianim.spatial.grid import (
+    NX,
+    STRIDE,
+    TASKS,
+    TURN,
+    first_row,
+    gather_tube,
+    pieces,
+    rounded,
+    slice_of,
+    take_turn,
+)
 from tianim.systems.boids.tables import ALIGNMENT, BUDGET, COHESION, SEPARATION
 
 # Distances below this [m2] count as none: the direction from a boid to itself.
@@ -168,36 +179,42 @@ def flock(
 ):
     """Add the three rules to `acceleration` (4, capacity) [m/s2], row 3 what the budget has spent."""
     nx = shape[NX]
+    shape[TURN] = 0
     for block in range(shape[TASKS] * shape[STRIDE]):
         if block % shape[STRIDE] == 0:
             task = block // shape[STRIDE]
-            for row in range(first_row(task, shape, start), first_row(task + 1, shape, start)):
-                if start[row * nx + nx] == start[row * nx]:
-                    continue
-                gather_tube(
-                    dimension, species_aware, task, row, shape, geometry, start, x, v, species, scratch,
-                    offset,
-                )  # fmt: skip
-                for column in range(nx):
-                    cell, s = row * nx + column, slice_of(column, nx)
-                    begin, end = offset[task, s - 1], offset[task, s + 2]
-                    for i in range(start[cell], start[cell + 1]):
-                        me = offset[task, s] + i - start[cell]
-                        kind = 0
-                        if ti.static(species_aware):
-                            kind = species[0, i]
-                        bound = ti.max(rules[kind, SEPARATION], rules[kind, ALIGNMENT], rules[kind, COHESION])
-                        if ti.static(topological):
-                            bound = nearest_bound(dimension, k, bound, me, begin, end, scratch)
-                        velocity = ti.Vector([v[0, i], v[1, i], v[2, i]])
-                        heading = velocity * ti.rsqrt(velocity.dot(velocity) + TINY)
-                        apart, along, together = sums_over(
-                            dimension, species_aware, sighted, alike, kind, bound, heading, me, begin, end,
-                            rules, interactions, scratch,
-                        )  # fmt: skip
-                        a = ti.Vector([0.0, 0.0, 0.0, 0.0])
-                        for c in ti.static(range(4)):
-                            a[c] = acceleration[c, i]
-                        spend_rules(a, kind, velocity, apart, along, together, rules)
-                        for c in ti.static(range(4)):
-                            acceleration[c, i] = a[c]
+            piece = take_turn(shape)
+            while piece < pieces(shape):
+                for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
+                    if start[row * nx + nx] == start[row * nx]:
+                        continue
+                    gather_tube(
+                        dimension, species_aware, task, row, shape, geometry, start, x, v, species, scratch,
+                        offset,
+                    )  # fmt: skip
+                    for column in range(nx):
+                        cell, s = row * nx + column, slice_of(column, nx)
+                        begin, end = offset[task, s - 1], offset[task, s + 2]
+                        for i in range(start[cell], start[cell + 1]):
+                            me = offset[task, s] + i - start[cell]
+                            kind = 0
+                            if ti.static(species_aware):
+                                kind = species[0, i]
+                            bound = ti.max(
+                                rules[kind, SEPARATION], rules[kind, ALIGNMENT], rules[kind, COHESION]
+                            )
+                            if ti.static(topological):
+                                bound = nearest_bound(dimension, k, bound, me, begin, end, scratch)
+                            velocity = ti.Vector([v[0, i], v[1, i], v[2, i]])
+                            heading = velocity * ti.rsqrt(velocity.dot(velocity) + TINY)
+                            apart, along, together = sums_over(
+                                dimension, species_aware, sighted, alike, kind, bound, heading, me,
+                                begin, end, rules, interactions, scratch,
+                            )  # fmt: skip
+                            a = ti.Vector([0.0, 0.0, 0.0, 0.0])
+                            for c in ti.static(range(4)):
+                                a[c] = acceleration[c, i]
+                            spend_rules(a, kind, velocity, apart, along, together, rules)
+                            for c in ti.static(range(4)):
+                                acceleration[c, i] = a[c]
+                piece = take_turn(shape)

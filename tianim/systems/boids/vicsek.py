@@ -21,7 +21,19 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import uniform
 from tianim.params import Animated, Count, Positive
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import NX, STRIDE, TASKS, NeighborGrid, first_row, gather_tube, rounded, slice_of
+from tianim.spatial.grid import (
+    NX,
+    STRIDE,
+    TASKS,
+    TURN,
+    NeighborGrid,
+    first_row,
+    gather_tube,
+    pieces,
+    rounded,
+    slice_of,
+    take_turn,
+)
 from tianim.spatial.placement import Placement, RandomHeading, check_start, place
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.params import BYTES_PER_BOID, SECONDS_PER_BOID_STEP, SECONDS_PER_STEP
@@ -93,29 +105,33 @@ def align(
 ):
     """New velocities from the mean directions, into `turned` (2, capacity); reach is r squared."""
     nx = shape[NX]
+    shape[TURN] = 0
     for block in range(shape[TASKS] * shape[STRIDE]):
         if block % shape[STRIDE] == 0:
             task = block // shape[STRIDE]
-            for row in range(first_row(task, shape, start), first_row(task + 1, shape, start)):
-                if start[row * nx + nx] == start[row * nx]:
-                    continue
-                gather_tube(2, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
-                for column in range(nx):
-                    cell, s = row * nx + column, slice_of(column, nx)
-                    begin, end = offset[task, s - 1], offset[task, s + 2]
-                    for i in range(start[cell], start[cell + 1]):
-                        me = offset[task, s] + i - start[cell]
-                        xi, yi = scratch[0, me], scratch[1, me]
-                        cosine, sine = 0.0, 0.0
-                        for j in range(begin, begin + rounded(end - begin)):
-                            dx, dy = scratch[0, j] - xi, scratch[1, j] - yi
-                            near = ti.select((j < end) & (dx * dx + dy * dy < reach), 1.0, 0.0)
-                            cosine += near * scratch[3, j]
-                            sine += near * scratch[4, j]
-                        angle = ti.atan2(sine, cosine)
-                        angle += eta * (uniform(seed, identity[0, i], step, 0) - 0.5)
-                        turned[0, i] = speed * ti.cos(angle)
-                        turned[1, i] = speed * ti.sin(angle)
+            piece = take_turn(shape)
+            while piece < pieces(shape):
+                for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
+                    if start[row * nx + nx] == start[row * nx]:
+                        continue
+                    gather_tube(2, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
+                    for column in range(nx):
+                        cell, s = row * nx + column, slice_of(column, nx)
+                        begin, end = offset[task, s - 1], offset[task, s + 2]
+                        for i in range(start[cell], start[cell + 1]):
+                            me = offset[task, s] + i - start[cell]
+                            xi, yi = scratch[0, me], scratch[1, me]
+                            cosine, sine = 0.0, 0.0
+                            for j in range(begin, begin + rounded(end - begin)):
+                                dx, dy = scratch[0, j] - xi, scratch[1, j] - yi
+                                near = ti.select((j < end) & (dx * dx + dy * dy < reach), 1.0, 0.0)
+                                cosine += near * scratch[3, j]
+                                sine += near * scratch[4, j]
+                            angle = ti.atan2(sine, cosine)
+                            angle += eta * (uniform(seed, identity[0, i], step, 0) - 0.5)
+                            turned[0, i] = speed * ti.cos(angle)
+                            turned[1, i] = speed * ti.sin(angle)
+                piece = take_turn(shape)
 
 
 @ti.kernel

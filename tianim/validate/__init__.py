@@ -20,6 +20,7 @@ from tianim.validate import (
     couzin,
     flocking,
     gravity,
+    gravity_forces,
     gravity_galaxies,
     limits,
     murmuration,
@@ -35,7 +36,7 @@ _FLOCKS = (*flocking.CASES, *steering_laws.CASES, *steering.CASES, *limits.CASES
 CASES: dict[str, tuple[Case, ...]] = {
     "boids": (*_FLOCKS, *vicsek.CASES, *couzin.CASES),
     "couzin": couzin.CASES,
-    "gravity": (*gravity.CASES, *gravity_galaxies.CASES),
+    "gravity": (*gravity.CASES, *gravity_forces.CASES, *gravity_galaxies.CASES),
     "vicsek": vicsek.CASES,
 }
 

@@ -21,7 +21,7 @@ PEER_PLUMMER = "measured with falcON, N = 20,000, eps = 0.03, dt = 1/32"
 
 # A disk in a fixed halo, G = scale length = 1: it turns once at two scale lengths in TURN.
 HALO: dict[str, Any] = {"kind": "logarithmic", "speed": 0.75, "core": 0.5}
-DISK_MASS = .7
+DISK_MASS = 0.8
 EDGES = np.linspace(0.5, 3.0, 6)
 
 
@@ -85,7 +85,7 @@ def turn_time() -> float:
 
 
 class Disk(NamedTuple):
-    """Largest relative change of the surface density of a ring at the end, largest clump contrast on the way."""
+    """Largest relative change of a ring's surface density at the end, largest clump contrast on the way."""
 
     change: float
     contrast: float
@@ -203,7 +203,7 @@ STABLE = "Toomre 1964, ApJ 139, 1217: a disk of Q > 1 is stable"
 SHORT, LONG = (8000, 4.0, 1 / 16), (20_000, 20.0, 1 / 32)  # stars, dynamical times, step
 # Radii of the short run: 800 stars within the first of them, at two independent times, 3 deviations.
 WITHIN = {SHORT: (0.06, 0.04, 0.06), LONG: (0.015, 0.015, 0.03)}
-FEW, MANY = 8000, 40_000  # stars of a disk
+FEW, MANY = 16_000, 40_000  # stars of a disk
 
 
 def _plummer_cases(setup: tuple[int, float, float], slow: bool) -> list[Case]:

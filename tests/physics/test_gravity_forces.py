@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tianim.lang import ti
 from tianim.spatial.columns import staggered
+from tianim.spatial.morton import LATTICE
 from tianim.systems.gravity.solver import DirectSum, Law, Solver, TreeSum, make_solver
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,8 @@ SINGLE_POTENTIAL = 1e-5
 ACCURACY = 1e-3
 # Even spacing in a line is the worst case: pulls from both sides cancel, what the cubes leave out does not.
 LINE = 10
+# Stars in one place are a group without extent, which has no margin: all are as wrong as the worst of others.
+CROWD = 0.1
 # Sum of m a over the sum of |m a|: exact antisymmetry but for rounding.
 DOUBLE_MOMENTUM, SINGLE_MOMENTUM = 1e-15, 1e-8
 
@@ -208,6 +211,61 @@ def test_few_stars(name: str, kind: Any, eps: float) -> None:
         a, phi = evaluate(solver, position, mass)
         assert a == pytest.approx(wanted, rel=1e-6, abs=0.0)
         assert phi == pytest.approx(potential, rel=1e-6, abs=0.0)
+
+
+def test_more_stars_in_one_place_than_a_list_holds(kind: Any) -> None:
+    position, mass = plummer(4000)
+    for place in (0.3, 1.0):
+        crowded, weights = np.r_[position, np.full((5000, 3), place)], np.full(9000, 1 / 9000)
+        law = Law(G, EPS, kind)
+        wanted, potential = evaluate(DirectSum(9000, law), crowded, weights)
+        a, phi = evaluate(TreeSum(9000, law, ACCURACY), crowded, weights)
+        assert errors(a[:4000], wanted[:4000])[1] <= 10 * ACCURACY
+        assert (np.linalg.norm(a - wanted, axis=1) <= CROWD * np.linalg.norm(wanted, axis=1)).all()
+        assert np.abs(phi / potential - 1).max() <= ACCURACY
+
+
+def test_crowds_a_few_lattice_steps_apart(kind: Any) -> None:
+    # On either side of a cut of the tree: neither is part of the other's cube, and 1/d^5 is beyond float32.
+    step = 2 / LATTICE
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    middle = 512.5 * step
+    position = np.r_[[[-1.0, -1, -1], [1, 1, 1]], np.repeat(middle + 3 * step * corners, 200, axis=0)]
+    a, phi = evaluate(TreeSum(1602, Law(G, 0.0, kind)), position, np.ones(1602))
+    assert np.isfinite(a).all()
+    assert np.isfinite(phi).all()
+
+
+@pytest.mark.parametrize("scale", [1e-20, 1e-10, 1e12, 1e25])
+@pytest.mark.parametrize("make", [DirectSum, TreeSum])
+def test_forces_scale_with_the_scene(make: Any, scale: float, kind: Any) -> None:
+    position, mass = galaxy(3000)
+    a, phi = evaluate(make(3000, Law(G, EPS, kind)), position, mass)
+    scaled, deep = evaluate(make(3000, Law(G, EPS * scale, kind)), position * scale, mass)
+    # Places may fall on the next lattice step, and a cube then be opened that was not.
+    assert errors(scaled * scale**2, a)[0] <= SINGLE_MEDIAN
+    assert errors(scaled * scale**2, a)[1] <= 10 * ACCURACY
+    assert np.abs(deep * scale / phi - 1).max() <= ACCURACY
+
+
+@pytest.mark.parametrize("with_phi", [True, False])
+@pytest.mark.parametrize("make", [DirectSum, TreeSum])
+def test_active_stars_alone_get_the_same_bytes(make: Any, with_phi: bool, kind: Any) -> None:
+    position, mass = galaxy(5000)
+    (x, m), solver = arrays(position, mass), make(5000, Law(G, EPS, kind))
+    near = np.linalg.norm(position, axis=1) < 1.5
+    for chosen in (near, np.arange(5000) == 4321, np.zeros(5000, bool), np.ones(5000, bool)):
+        active = ti.ndarray(ti.i32, staggered(5000))
+        active.from_numpy(np.pad(chosen, (0, staggered(5000) - 5000)).astype(np.int32))
+        found = []
+        for who in (None, active):
+            a, phi = ti.ndarray(ti.f64, (3, staggered(5000))), ti.ndarray(ti.f64, staggered(5000))
+            a.fill(-1.0)
+            phi.fill(-1.0)
+            solver.evaluate(x, m, a, phi if with_phi else None, who)
+            found.append(np.r_[a.to_numpy(), phi.to_numpy()[None]][:, :5000])
+        assert found[1][:, chosen].tobytes() == found[0][:, chosen].tobytes()
+        assert (found[1][:, ~chosen] == -1.0).all()
 
 
 @pytest.mark.parametrize(("precision", "allowed"), [("double", DOUBLE_MOMENTUM), ("single", SINGLE_MOMENTUM)])

@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 from tianim.lang import ti
 from tianim.spatial import morton
 from tianim.spatial.columns import staggered
-from tianim.spatial.octree import (
+from tianim.spatial.nodes import (
     BEGIN,
     CENTRE,
     CHILDREN,
     END,
-    LEAF,
     MASS,
     RADIUS2,
     SECOND,
     SPAN,
-    Octree,
 )
+from tianim.spatial.octree import LEAF, Octree
 
 Floats = NDArray[np.float64]
 GROUP = 64

@@ -42,7 +42,7 @@ def os_errors(path: Path) -> Iterator[None]:
         reason = (error.strerror or str(error) or type(error).__name__).lower()
         # h5py and others raise without a number but with the words.
         if error.errno in (errno.ENOSPC, errno.EDQUOT) or "no space left" in reason:
-            reason = "the disk is full; free some space, then continue with --resume"
+            reason = "the disk is full; free some space, then repeat (a run goes on with --resume)"
         raise OutputError(f"{path}: cannot write: {reason}") from error
 
 

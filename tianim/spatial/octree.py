@@ -12,9 +12,8 @@ One core cuts the top of the tree; below nodes of some thousand stars each task 
 a time, breadth first, in its own scratch, and then takes a run of nodes for it. Which run depends
 on the threads, what stands in it does not: walks see the same children in the same order.
 
-All lengths are in the side of the cube, all masses in the total mass; places in lattice steps
-(see morton.py). Moments are summed over the node's own stars; those of nodes of more than EXACT stars over
-their children's, where radius and third moment are upper bounds.
+What a node holds is named in nodes.py. Moments are summed over the node's own stars; those of nodes of
+more than EXACT stars over their children's, where radius and third moment are upper bounds.
 """
 
 from typing import Any
@@ -23,6 +22,17 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, i64_1d, ti, workers
 from tianim.spatial import morton
 from tianim.spatial.columns import staggered
 from tianim.spatial.morton import Cube, Sorter
+from tianim.spatial.nodes import (
+    BEGIN,
+    CHILDREN,
+    END,
+    HEAP,
+    LINK_ROWS,
+    MOMENT_ROWS,
+    NONE,
+    join_moments,
+    set_moments,
+)
 
 LEAF = 16
 # Subtrees of this many stars or fewer are cut by one task; about so many of them are wanted.
@@ -30,21 +40,10 @@ SMALLEST_SUBTREE, LARGEST_SUBTREE, SUBTREES = 1024, 16_384, 128
 # Nodes for each star that arrays are made for at first; more are taken when a tree needs them.
 NODES_PER_STAR = 0.4
 FEWEST_NODES = 4096
-
-# Rows of `link`: run of stars, children (first * 8 + number - 1, NONE for a leaf), centre of mass.
-BEGIN, END, CHILDREN, CENTRE = 0, 1, 2, 3
-LINK_ROWS = 6
-# HEAP instead of NONE: a leaf of more than LEAF stars.
-NONE, HEAP = -1, -2
 # Moments of nodes of so many stars are summed over the stars, those of larger ones over the children.
 EXACT = 256
 # `level` of a node of the top whose subtree is cut.
 CUT = -1
-# Rows of `moment`: mass, squared radius around the centre of mass, B^(2/5) with B the third moment of
-# distance (the sum of m r^3), second moments xx xy xz yy yz zz, all about the centre of mass.
-MASS, RADIUS2, SPAN, SECOND = 0, 1, 2, 3
-MOMENT_ROWS = 9
-STEP = 1.0 / morton.LATTICE  # side of the cube a lattice step
 # Entries of `counter`.
 NODES, NEXT, ROOTS = 0, 1, 2
 
@@ -77,97 +76,6 @@ def end_of_octant(key: ti.template(), begin, end, level):
         else:
             high = middle
     return low
-
-
-@ti.func
-def set_moments(q, lattice: ti.template(), weight: ti.template(), link: ti.template(), moment: ti.template()):
-    """Mass, centre of mass, radius and moments of node q from its stars."""
-    begin, end = link[BEGIN, q], link[END, q]
-    x0, y0, z0 = lattice[0, begin], lattice[1, begin], lattice[2, begin]
-    m, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
-    gx, gy, gz = 0.0, 0.0, 0.0
-    for i in range(begin, end):
-        w = weight[i]
-        dx = ti.cast(lattice[0, i] - x0, ti.f32)
-        dy = ti.cast(lattice[1, i] - y0, ti.f32)
-        dz = ti.cast(lattice[2, i] - z0, ti.f32)
-        m += w
-        sx += w * dx
-        sy += w * dy
-        sz += w * dz
-        gx += dx
-        gy += dy
-        gz += dz
-    # Massless stars have a middle too.
-    over = 1.0 / ti.select(m > 0.0, m, ti.cast(end - begin, ti.f32))
-    cx = x0 + ti.cast(ti.round(ti.select(m > 0.0, sx, gx) * over), ti.i32)
-    cy = y0 + ti.cast(ti.round(ti.select(m > 0.0, sy, gy) * over), ti.i32)
-    cz = z0 + ti.cast(ti.round(ti.select(m > 0.0, sz, gz) * over), ti.i32)
-    xx, xy, xz, yy, yz, zz, third, radius2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(begin, end):
-        w = weight[i]
-        dx = ti.cast(lattice[0, i] - cx, ti.f32) * STEP
-        dy = ti.cast(lattice[1, i] - cy, ti.f32) * STEP
-        dz = ti.cast(lattice[2, i] - cz, ti.f32) * STEP
-        r2 = dx * dx + dy * dy + dz * dz
-        radius2 = ti.max(radius2, r2)
-        third += w * r2 * ti.sqrt(r2)
-        xx += w * dx * dx
-        xy += w * dx * dy
-        xz += w * dx * dz
-        yy += w * dy * dy
-        yz += w * dy * dz
-        zz += w * dz * dz
-    link[CENTRE, q], link[CENTRE + 1, q], link[CENTRE + 2, q] = cx, cy, cz
-    moment[MASS, q], moment[RADIUS2, q], moment[SPAN, q] = m, radius2, ti.pow(third, 0.4)
-    moment[SECOND, q], moment[SECOND + 1, q], moment[SECOND + 2, q] = xx, xy, xz
-    moment[SECOND + 3, q], moment[SECOND + 4, q], moment[SECOND + 5, q] = yy, yz, zz
-
-
-@ti.func
-def join_moments(q, link: ti.template(), moment: ti.template()):
-    """Moments of node q from its children's: radius and third moment become upper bounds."""
-    first = link[CHILDREN, q] >> 3
-    last = first + (link[CHILDREN, q] & 7) + 1
-    x0, y0, z0 = link[CENTRE, first], link[CENTRE + 1, first], link[CENTRE + 2, first]
-    m, sx, sy, sz, gx, gy, gz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for c in range(first, last):
-        w = moment[MASS, c]
-        dx = ti.cast(link[CENTRE, c] - x0, ti.f32)
-        dy = ti.cast(link[CENTRE + 1, c] - y0, ti.f32)
-        dz = ti.cast(link[CENTRE + 2, c] - z0, ti.f32)
-        m += w
-        sx += w * dx
-        sy += w * dy
-        sz += w * dz
-        gx += dx
-        gy += dy
-        gz += dz
-    over = 1.0 / ti.select(m > 0.0, m, ti.cast(last - first, ti.f32))
-    cx = x0 + ti.cast(ti.round(ti.select(m > 0.0, sx, gx) * over), ti.i32)
-    cy = y0 + ti.cast(ti.round(ti.select(m > 0.0, sy, gy) * over), ti.i32)
-    cz = z0 + ti.cast(ti.round(ti.select(m > 0.0, sz, gz) * over), ti.i32)
-    xx, xy, xz, yy, yz, zz, third, radius = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for c in range(first, last):
-        w = moment[MASS, c]
-        dx = ti.cast(link[CENTRE, c] - cx, ti.f32) * STEP
-        dy = ti.cast(link[CENTRE + 1, c] - cy, ti.f32) * STEP
-        dz = ti.cast(link[CENTRE + 2, c] - cz, ti.f32) * STEP
-        d = ti.sqrt(dx * dx + dy * dy + dz * dz)
-        radius = ti.max(radius, d + ti.sqrt(moment[RADIUS2, c]))
-        # The cube root of a sum of m |x|^3 is a norm: the triangle's inequality bounds it.
-        bound = ti.pow(moment[SPAN, c], 5 / 6) + ti.pow(w, 1 / 3) * d
-        third += bound * bound * bound
-        xx += moment[SECOND, c] + w * dx * dx
-        xy += moment[SECOND + 1, c] + w * dx * dy
-        xz += moment[SECOND + 2, c] + w * dx * dz
-        yy += moment[SECOND + 3, c] + w * dy * dy
-        yz += moment[SECOND + 4, c] + w * dy * dz
-        zz += moment[SECOND + 5, c] + w * dz * dz
-    link[CENTRE, q], link[CENTRE + 1, q], link[CENTRE + 2, q] = cx, cy, cz
-    moment[MASS, q], moment[RADIUS2, q], moment[SPAN, q] = m, radius * radius, ti.pow(third, 0.4)
-    moment[SECOND, q], moment[SECOND + 1, q], moment[SECOND + 2, q] = xx, xy, xz
-    moment[SECOND + 3, q], moment[SECOND + 4, q], moment[SECOND + 5, q] = yy, yz, zz
 
 
 @ti.kernel
@@ -217,6 +125,36 @@ def cut_top(
         counter[ROOTS] = listed
 
 
+@ti.func
+def cut_subtree(
+    root, s, key: ti.template(), level: ti.template(), link: ti.template(), scratch: ti.template()
+):
+    """Cut below `root` into scratch from s on, breadth first; returns how many nodes there are.
+
+    Rows of scratch: begin, end, children as in `link` but counted from s, level.
+    """
+    scratch[0, s], scratch[1, s], scratch[3, s] = link[BEGIN, root], link[END, root], level[root]
+    nodes, q = 1, 0
+    while q < nodes:
+        begin, end = scratch[0, s + q], scratch[1, s + q]
+        scratch[2, s + q] = NONE
+        if end - begin > LEAF:
+            depth = common_level(key[begin], key[end - 1], scratch[3, s + q])
+            if depth < morton.LEVELS:
+                first, star = nodes, begin
+                while star < end:
+                    after = end_of_octant(key, star, end, depth)
+                    scratch[0, s + nodes], scratch[1, s + nodes] = star, after
+                    scratch[3, s + nodes] = depth + 1
+                    nodes += 1
+                    star = after
+                scratch[2, s + q] = first * 8 + nodes - first - 1
+            else:
+                scratch[2, s + q] = HEAP
+        q += 1
+    return nodes
+
+
 @ti.kernel
 def cut_subtrees(
     tasks: ti.i32,
@@ -240,26 +178,7 @@ def cut_subtrees(
             turn = ti.atomic_add(counter[NEXT], 1)
             while turn < counter[ROOTS]:
                 root = roots[turn]
-                # Rows of scratch: begin, end, children as in `link` but counted from s, level.
-                scratch[0, s], scratch[1, s], scratch[3, s] = link[BEGIN, root], link[END, root], level[root]
-                nodes, q = 1, 0
-                while q < nodes:
-                    begin, end = scratch[0, s + q], scratch[1, s + q]
-                    scratch[2, s + q] = NONE
-                    if end - begin > LEAF:
-                        depth = common_level(key[begin], key[end - 1], scratch[3, s + q])
-                        if depth < morton.LEVELS:
-                            first, star = nodes, begin
-                            while star < end:
-                                after = end_of_octant(key, star, end, depth)
-                                scratch[0, s + nodes], scratch[1, s + nodes] = star, after
-                                scratch[3, s + nodes] = depth + 1
-                                nodes += 1
-                                star = after
-                            scratch[2, s + q] = first * 8 + nodes - first - 1
-                        else:
-                            scratch[2, s + q] = HEAP
-                    q += 1
+                nodes = cut_subtree(root, s, key, level, link, scratch)
                 # The root has its place already: the others follow from `base + 1` on.
                 base = ti.atomic_add(counter[NODES], nodes - 1) - 1
                 if base + nodes <= capacity:
@@ -274,7 +193,7 @@ def cut_subtrees(
                         if scratch[2, s + k] < 0 or scratch[1, s + k] - scratch[0, s + k] <= EXACT:
                             set_moments(at, lattice, weight, link, moment)
                         else:
-                            join_moments(at, link, moment)
+                            join_moments(at, lattice, weight, link, moment)
                 level[root] = CUT
                 turn = ti.atomic_add(counter[NEXT], 1)
 
@@ -290,7 +209,15 @@ def set_top_moments(
         if link[CHILDREN, q] < 0:
             set_moments(q, lattice, weight, link, moment)
         elif level[q] != CUT:
-            join_moments(q, link, moment)
+            join_moments(q, lattice, weight, link, moment)
+
+
+@ti.func
+def append_group(begin, end, listed, most, groups: ti.template()):
+    """Write group number `listed` where there is room for it; returns the next number."""
+    if listed < most:
+        groups[0, listed], groups[1, listed] = begin, end
+    return listed + 1
 
 
 @ti.kernel
@@ -305,9 +232,7 @@ def list_groups(group: ti.i32, most: ti.i32, link: i32_2d, stack: i32_1d, groups
             q = stack[depth]
             begin, end, children = link[BEGIN, q], link[END, q], link[CHILDREN, q]
             if end - start > group and start < begin:
-                if listed < most:
-                    groups[0, listed], groups[1, listed] = start, begin
-                listed += 1
+                listed = append_group(start, begin, listed, most, groups)
                 start = begin
             if end - begin > group and children >= 0:
                 for k in range((children & 7) + 1):
@@ -315,14 +240,10 @@ def list_groups(group: ti.i32, most: ti.i32, link: i32_2d, stack: i32_1d, groups
                     depth += 1
             else:
                 while end - start > group:  # a leaf of stars in one place
-                    if listed < most:
-                        groups[0, listed], groups[1, listed] = start, start + group
-                    listed += 1
+                    listed = append_group(start, start + group, listed, most, groups)
                     start += group
         if start < link[END, 0]:
-            if listed < most:
-                groups[0, listed], groups[1, listed] = start, link[END, 0]
-            listed += 1
+            listed = append_group(start, link[END, 0], listed, most, groups)
         counter[0] = listed
 
 
@@ -333,8 +254,8 @@ class Octree:
         order    i32 (n,)     id of the star that stands k-th
         lattice  i32 (3, n)   its place in lattice steps
         weight   f32 (n,)     its mass over the total
-        link     i32 (6, nodes), moment f32 (9, nodes)   see the names of the rows above
-        groups   i32 (3, group_count)   begin, end, node
+        link     i32 (6, nodes), moment f32 (9, nodes)   see the names of the rows in nodes.py
+        groups   i32 (2, group_count)   begin, end
         side, mass    side of the cube and total mass, in the units of what was given
     """
 
@@ -383,7 +304,7 @@ class Octree:
 
     def _reserve_groups(self, groups: int) -> None:
         self.group_capacity = staggered(groups)
-        self.groups = ti.ndarray(ti.i32, (3, self.group_capacity))
+        self.groups = ti.ndarray(ti.i32, (2, self.group_capacity))
 
     def build(self, x: Any, mass: Any) -> None:
         """Sort the stars at x f64 (3, n) with mass f64 (n,) and cut the tree anew."""
@@ -424,6 +345,6 @@ class Octree:
             capacity * (12 + 4)
             + self._sorter.memory_bytes()
             + nodes
-            + 12 * self.group_capacity
+            + 8 * self.group_capacity
             + 16 * self.tasks * self._page
         )

@@ -70,10 +70,46 @@ def gather_sources(
 def _summing(real: Any) -> Any:
     """The kernel of all pairs, in float32 or float64."""
 
+    @ti.func
+    def sum_sources(
+        kind: ti.template(), with_phi: ti.template(), i, sources, reach, tiny, place: ti.template(),
+        source: ti.template(), weight: ti.template(), slot: ti.template(),
+    ):  # fmt: skip
+        """Pull (three) and depth of all sources at star i, tile by tile."""
+        px, py, pz = place[0, i], place[1, i], place[2, i]
+        ax, ay, az, deep = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
+        own, begin = slot[i], 0
+        while begin < sources:
+            if begin == own:
+                begin += 1  # a star does not pull itself
+            end = ti.min(begin + SOURCES_A_TILE, sources)
+            if begin < own:
+                end = ti.min(end, own)
+            sx, sy, sz, sd = reach * 0, reach * 0, reach * 0, reach * 0
+            for j in range(begin, end):
+                dx = ti.cast(source[0, j] - px, real)
+                dy = ti.cast(source[1, j] - py, real)
+                dz = ti.cast(source[2, j] - pz, real)
+                r2 = dx * dx + dy * dy + dz * dz
+                pull, depth = pair(kind, with_phi, r2, reach, tiny)
+                w = weight[j] * pull
+                sx += w * dx
+                sy += w * dy
+                sz += w * dz
+                if ti.static(with_phi):
+                    sd += weight[j] * depth
+            ax += sx
+            ay += sy
+            az += sz
+            deep += sd
+            begin = end
+        return ax, ay, az, deep
+
     @ti.kernel
     def sum_pairs(
         kind: ti.template(),
         with_phi: ti.template(),
+        some: ti.template(),
         serial: ti.template(),
         n: ti.i32,
         tasks: ti.i32,
@@ -87,10 +123,14 @@ def _summing(real: Any) -> Any:
         weight: pairs_1d,
         slot: i32_1d,
         counter: i32_1d,
+        active: i32_1d,
         a: f64_2d,
         phi: f64_1d,
     ):
-        """Acceleration (and potential) of every star from all sources; to_a and to_phi give both units."""
+        """Acceleration (and potential) of every star from all sources; to_a and to_phi give both units.
+
+        Where `some`, of the active stars alone.
+        """
         ti.loop_config(serialize=serial)
         for task_block in range(tasks * stride):
             if task_block % stride == 0:
@@ -99,36 +139,16 @@ def _summing(real: Any) -> Any:
                 turn = ti.atomic_add(counter[0], TARGETS_A_TURN)
                 while turn < n:
                     for i in range(turn, ti.min(turn + TARGETS_A_TURN, n)):
-                        px, py, pz = place[0, i], place[1, i], place[2, i]
-                        ax, ay, az, deep = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
-                        own, begin = slot[i], 0
-                        while begin < sources:
-                            if begin == own:
-                                begin += 1  # a star does not pull itself
-                            end = ti.min(begin + SOURCES_A_TILE, sources)
-                            if begin < own:
-                                end = ti.min(end, own)
-                            sx, sy, sz, sd = reach * 0, reach * 0, reach * 0, reach * 0
-                            for j in range(begin, end):
-                                dx = ti.cast(source[0, j] - px, real)
-                                dy = ti.cast(source[1, j] - py, real)
-                                dz = ti.cast(source[2, j] - pz, real)
-                                r2 = dx * dx + dy * dy + dz * dz
-                                pull, depth = pair(kind, with_phi, r2, reach, tiny)
-                                w = weight[j] * pull
-                                sx += w * dx
-                                sy += w * dy
-                                sz += w * dz
-                                if ti.static(with_phi):
-                                    sd += weight[j] * depth
-                            ax += sx
-                            ay += sy
-                            az += sz
-                            deep += sd
-                            begin = end
-                        a[0, i], a[1, i], a[2, i] = ax * to_a, ay * to_a, az * to_a
-                        if ti.static(with_phi):
-                            phi[i] = deep * to_phi
+                        mine = True
+                        if ti.static(some):
+                            mine = active[i] != 0
+                        if mine:
+                            ax, ay, az, deep = sum_sources(
+                                kind, with_phi, i, sources, reach, tiny, place, source, weight, slot
+                            )
+                            a[0, i], a[1, i], a[2, i] = ax * to_a, ay * to_a, az * to_a
+                            if ti.static(with_phi):
+                                phi[i] = deep * to_phi
                     turn = ti.atomic_add(counter[0], TARGETS_A_TURN)
 
     return sum_pairs
@@ -153,8 +173,11 @@ class DirectSum(Sampled):
         self._counter = ti.ndarray(ti.i32, 4)
         self._nothing = ti.ndarray(ti.f64, 4)
 
-    def evaluate(self, x: Any, mass: Any, a: Any, phi: Any = None) -> None:
-        """Fill a (3, n) and, where given, phi (n,) for stars at x (3, n) with mass (n,); all float64."""
+    def evaluate(self, x: Any, mass: Any, a: Any, phi: Any = None, active: Any = None) -> None:
+        """Fill a (3, n) and, where given, phi (n,) for stars at x (3, n) with mass (n,); all float64.
+
+        active  i32 (n,), 1 or 0: only stars with 1 are summed and written, to the same bytes
+        """
         if self.count == 0:
             return
         place, factor, reach, nothing = x, 1.0, self.law.reach, NO_DISTANCE
@@ -167,9 +190,10 @@ class DirectSum(Sampled):
             to_a, to_phi = to_a / factor * scale * scale, to_phi / factor * scale
         gather_sources(self.count, factor, place, mass, self._source, self._weight, self._slot, self._counter)
         SUM_PAIRS[self.precision](
-            self.law.code, phi is not None, self.count**2 < SERIAL_BELOW, self.count, self.tasks, self.stride,
-            reach, nothing, to_a, to_phi, place, self._source, self._weight, self._slot, self._counter,
-            a, self._nothing if phi is None else phi,
+            self.law.code, phi is not None, active is not None, self.count**2 < SERIAL_BELOW, self.count,
+            self.tasks, self.stride, reach, nothing, to_a, to_phi, place, self._source, self._weight,
+            self._slot, self._counter, self._slot if active is None else active, a,
+            self._nothing if phi is None else phi,
         )  # fmt: skip
 
     def memory_bytes(self) -> int:

@@ -36,7 +36,7 @@ ETA_SOFT, ETA_HARD = 0.2, 0.02
 
 # State of a star (places, velocities, accelerations, mass, potential) and what the tree takes.
 BYTES_PER_STAR = 180
-BYTES_SAVED, BYTES_RUNG, BYTES_STAGES = 80, 8, 96
+BYTES_SAVED, BYTES_RUNG, BYTES_STAGES = 80, 4, 96
 # Of launching the kernels of a step.
 SECONDS_PER_STEP = 4e-4
 # Bytes of a star in a snapshot file: place, velocity, mass and id in single precision.
@@ -99,7 +99,7 @@ class AdaptiveStep(_Chosen):
 
 
 class BlockStep(_Chosen):
-    """Each star its own power-of-two step; leapfrog only."""
+    """Each star its own power-of-two step; leapfrog only. Forces are found for all at the finest."""
 
     kind: Literal["block"] = "block"
 

@@ -19,7 +19,7 @@ __all__ = ["DirectSum", "Law", "Solver", "TreeSum", "make_solver"]
 # What a pair costs [ns] on two cores of the machine that the table in tree.py was measured on, and a star's
 # walk at an accuracy of 1e-3. Only their ratios decide.
 DIRECT_SINGLE, DIRECT_DOUBLE = 0.22, 0.75
-TREE_A_STAR, ACCURACY_POWER = 560.0, 0.38
+TREE_A_STAR, ACCURACY_POWER = 520.0, 0.4
 TREE_AT_LEAST = 2e6  # ns; starting a dozen kernels
 # `auto` sums so few pairs, or pulls by so few bodies, in float64.
 DOUBLE_PAIRS, DOUBLE_BODIES = 1_000_000, 64
@@ -33,8 +33,8 @@ class Solver(Protocol):
     count: int
     law: Law
 
-    def evaluate(self, x: Any, mass: Any, a: Any, phi: Any = None) -> None:
-        """Fill a (3, n) and phi (n,) for stars at x (3, n) with mass (n,)."""
+    def evaluate(self, x: Any, mass: Any, a: Any, phi: Any = None, active: Any = None) -> None:
+        """Fill a (3, n) and phi (n,) for stars at x (3, n) with mass (n,); of those alone with active (n,) 1."""
 
     def sample_error(
         self, x: Any, mass: Any, a: Any, rng_seed: int, sample: int = 1000

@@ -155,8 +155,8 @@ class Stars:
                 self.count, self.law, how.accuracy, how.kind, how.precision, self.massive
             )
 
-    def accelerate(self, time: float, active: Any = None) -> None:
-        """Accelerations and potentials at the places of now, `time` [s]; of the `active` alone if given."""
+    def accelerate(self, time: float) -> None:
+        """Accelerations and potentials at the places of now, `time` [s]."""
         if self.solver is None:
             self.a.fill(0.0)
         else:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from tianim.systems.gravity.diagnostics import disk_profile, lagrangian_radii
+from tianim.systems.gravity.stars import Stars
 from tianim.systems.gravity.timestep import Block, allowed
 from tianim.validate import CASES, Case
 from tianim.validate.build import built
@@ -163,6 +164,29 @@ def test_block_steps_give_each_star_its_own() -> None:
     assert len(np.unique(rung)) > 2
     assert pull[rung == rung.max()].mean() > 3.0 * pull[rung == rung.min()].mean()
     assert abs(system.diagnostics()["energy_drift"]) < 2e-4
+
+
+@pytest.mark.parametrize("kind", ["direct", "tree"])
+def test_block_steps_find_only_the_forces_they_need(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same motion as where all forces are found each time, whatever pulls."""
+    step = {"kind": "block", "eta": 0.1, "largest": 0.25, "levels": 6}
+
+    def moved() -> Floats:
+        system = simulated(
+            cluster(2000), softening={"length": 0.05}, time_step=step, solver={"kind": kind},
+            external=(EXTERNALS["logarithmic"],),
+        )  # fmt: skip
+        system.add_force(lambda time, position, velocity: -0.1 * velocity)
+        # The net force of a tree is taken away in the end alone: it is no part of this.
+        system.stars._balance = lambda: None
+        run(system, 2, 0.25)
+        assert len(np.unique(system.mover.rungs())) > 2
+        return np.asarray(system.read("velocity"))
+
+    some = moved()
+    accelerate = Stars.accelerate
+    monkeypatch.setattr(Stars, "accelerate", lambda stars, time, active=None: accelerate(stars, time))
+    assert (some == moved()).all()
 
 
 def test_massless_stars_feel_and_do_not_pull() -> None:

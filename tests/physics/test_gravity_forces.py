@@ -214,7 +214,7 @@ def test_few_stars(name: str, kind: Any, eps: float) -> None:
 
 
 def test_more_stars_in_one_place_than_a_list_holds(kind: Any) -> None:
-    position, mass = plummer(4000)
+    position, _ = plummer(4000)
     for place in (0.3, 1.0):
         crowded, weights = np.r_[position, np.full((5000, 3), place)], np.full(9000, 1 / 9000)
         law = Law(G, EPS, kind)

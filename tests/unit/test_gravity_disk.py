@@ -88,6 +88,19 @@ def test_places_follow_the_profile(galaxy: tuple[Floats, ...]) -> None:
     assert_distributed(height, lambda z: 0.5 * (1.0 + np.tanh(z / 0.02)))
 
 
+def test_a_truncation_beyond_all_stars_changes_nothing() -> None:
+    far, farther = (start({"disk": {**DISK, "count": 1000, "truncation": cut}}) for cut in (40.0, 1e20))
+    np.testing.assert_array_equal(far.position, farther.position)
+    np.testing.assert_array_equal(far.velocity, farther.velocity)
+
+
+def test_a_disk_may_be_in_metres() -> None:
+    metre = 3e19  # a kiloparsec
+    large = {**DISK, "count": 1000, "scale_length": metre, "height": 0.1 * metre}
+    made, small = start({"disk": large}, softening=0.05 * metre), start({"disk": {**DISK, "count": 1000}})
+    np.testing.assert_allclose(made.position, small.position * metre, rtol=1e-9, atol=1e-9 * metre)
+
+
 def test_angles_are_even() -> None:
     made = start({"disk": {**DISK, "count": MANY}}, recentre=False)
     angle = np.arctan2(made.position[:, 2], made.position[:, 0])

@@ -25,13 +25,18 @@ def stars() -> dict[str, np.ndarray]:
 
 
 def gadget(
-    path: Path, parameters: dict[str, float] | None = None, table: float = 0.0, **changes: Any
+    path: Path,
+    parameters: dict[str, float] | None = None,
+    table: float = 0.0,
+    header: dict[str, Any] | None = None,
+    **changes: Any,
 ) -> Path:
     """Half of the stars as disk, half as halo; a change of None leaves an array of the disk out."""
     with h5py.File(path, "w") as file:
         counts = [0, COUNT // 2, COUNT // 2, 0, 0, 0]
         file.create_group("Header").attrs["NumPart_ThisFile"] = counts
         file["Header"].attrs["MassTable"] = [0.0, 0.0, table, 0.0, 0.0, 0.0]
+        file["Header"].attrs.update(header or {})
         if parameters is not None:
             file.create_group("Parameters").attrs.update(parameters)
         for kind, rows in ((1, slice(0, COUNT // 2)), (2, slice(COUNT // 2, COUNT))):
@@ -150,6 +155,12 @@ BAD: dict[str, tuple[str, Any, str]] = {
         array(gadget, parameters={"ComovingIntegrationOn": 1}),
         "a cosmological snapshot",
     ),
+    "one of four": (
+        "s.hdf5",
+        array(gadget, header={"NumFilesPerSnapshot": 4}),
+        "one of 4 files of a snapshot",
+    ),
+    "short table": ("s.hdf5", array(gadget, header={"MassTable": [0.0]}), "not a readable .hdf5 file"),
     "one unit": (
         "s.hdf5",
         array(gadget, parameters={"UnitLength_in_cm": 1.0}),
@@ -178,6 +189,11 @@ BAD: dict[str, tuple[str, Any, str]] = {
     "other": ("s.txt", words("1 2 3"), "s.txt: not a snapshot; must be one of .hdf5, .h5, .npz"),
     "folder": ("s.npz", Path.mkdir, "s.npz"),
 }
+
+
+def test_a_mark_of_byte_order_is_no_part_of_a_name(tmp_path: Path) -> None:
+    path = csv(tmp_path / "stars.csv", head="\ufeffvx,vy,vz,name,x,y,z,mass")
+    np.testing.assert_array_equal(read_snapshot(path).velocity, stars()["velocity"])
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -92,6 +92,15 @@ def test_the_cut_off_is_as_stated() -> None:
     np.testing.assert_allclose(table.density[beyond], edge * (r / 10.0) ** power * np.exp(-(r - 10.0) / 2.0))
 
 
+@pytest.mark.parametrize("kind", ["plummer", "hernquist", "nfw"])
+def test_a_truncation_may_be_out_of_sight(kind: str) -> None:
+    # The potential at the table's end is 1e-20 of that in the middle.
+    made = start(sphere(kind, count=1000, truncation=1e20), recentre=False)
+    radius, speed = np.linalg.norm(made.position, axis=1), np.linalg.norm(made.velocity, axis=1)
+    # Nobody is faster than what escapes from a point of the whole mass.
+    assert (speed**2 < 2.0 / radius).all()
+
+
 def test_a_plummer_spheres_default_holds_its_inner_99_percent() -> None:
     radius = np.linalg.norm(start(sphere("plummer"), recentre=False).position, axis=1)
     # beyond 12.2 b the cut-off leaves 0.4 % of the stars; 3 sigma of 20,000

@@ -26,6 +26,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 Amount = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 Length = Annotated[float, Field(gt=0, le=HUGE)]
+Height = Annotated[float, Field(ge=0, le=HUGE)]
 Vector = tuple[Amount, Amount, Amount]
 Many = Annotated[int, Field(ge=1, le=MAX_COUNT)]
 Angle = Annotated[float, Field(ge=-3600, le=3600)]
@@ -137,7 +138,7 @@ class ExponentialDisk(Stars):
 
     kind: Literal["exponential_disk"] = "exponential_disk"
     scale_length: Length = Field(1.0, description="R_d of Sigma ~ exp(-R / R_d) [length]")
-    height: NonNegative = Field(0.1, description="z_0 of rho ~ sech^2(z / z_0) [length]")
+    height: Height = Field(0.1, description="z_0 of rho ~ sech^2(z / z_0) [length]")
     toomre_q: NonNegative = Field(
         1.3, description="Q = sigma_R kappa / (3.36 G Sigma) at 2.5 R_d; 1.2 to 1.5 give spirals; massless: 0"
     )

@@ -109,7 +109,7 @@ def _summing(real: Any) -> Any:
     def sum_pairs(
         kind: ti.template(),
         with_phi: ti.template(),
-        some: ti.template(),
+        some: ti.i32,
         serial: ti.template(),
         n: ti.i32,
         tasks: ti.i32,
@@ -139,10 +139,7 @@ def _summing(real: Any) -> Any:
                 turn = ti.atomic_add(counter[0], TARGETS_A_TURN)
                 while turn < n:
                     for i in range(turn, ti.min(turn + TARGETS_A_TURN, n)):
-                        mine = True
-                        if ti.static(some):
-                            mine = active[i] != 0
-                        if mine:
+                        if some == 0 or active[i] != 0:
                             ax, ay, az, deep = sum_sources(
                                 kind, with_phi, i, sources, reach, tiny, place, source, weight, slot
                             )

@@ -36,6 +36,8 @@ Floats = NDArray[np.float64]
 # Scale lengths that the disk reaches where no truncation is given (99.7 % of the mass), and heights:
 # 1e-7 of the stars of a sech^2 layer are higher.
 CUT, HIGHEST = 8.0, 8.0
+# A disk that is cut farther out has no star there: e^-40 of its mass.
+FARTHEST_CUT = 40.0
 # Q is that at this many scale lengths; 3.36 is for a disk of stars (gas: pi).
 Q_RADIUS, TOOMRE = 2.5, 3.36
 ROWS = 2048
@@ -113,7 +115,9 @@ def thick_disk(disk: ExponentialDisk, softening: float) -> ThickDisk:
 
 def truncation(disk: ExponentialDisk) -> float:
     """The largest radius of a star [length]."""
-    return CUT * disk.scale_length if disk.truncation is None else disk.truncation
+    if disk.truncation is None:
+        return CUT * disk.scale_length
+    return min(disk.truncation, FARTHEST_CUT * disk.scale_length)
 
 
 def _part(x: ArrayLike) -> Floats:

@@ -43,8 +43,9 @@ class Isotropic:
         inside = total.enclosed_mass(sphere.radius)
         if not inside[-1] > 0.0:
             raise SceneError(f"component {name!r}: nothing pulls on it; give it a mass, or its group")
-        outwards = integrate.cumulative_simpson(G * inside / sphere.radius, x=self._log_radius, initial=0.0)
-        self.psi = outwards[-1] - outwards
+        # From the edge inwards: far out psi is small, and a difference of large ones would lose it.
+        depth = G * inside / sphere.radius
+        self.psi = integrate.cumulative_simpson(depth[::-1], x=-self._log_radius[::-1], initial=0.0)[::-1]
         pull = np.maximum(G * inside / sphere.radius**2, 1e-300)
         self.density = self._invert(-sphere.gradient / pull)
         self._check(name, sphere)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tianim.lang import f64_1d, f64_2d, ti
+from tianim.lang import f64_1d, f64_2d, i32_1d, ti
 from tianim.params import Params
 
 # Masses and lengths may be in SI: 2e30 kg, 1e21 m.
@@ -153,12 +153,13 @@ def field_at(rows: ti.template(), count, x, y, z):
 
 
 @ti.kernel
-def add_field(n: ti.i32, rows: f64_2d, count: ti.i32, x: f64_2d, a: f64_2d):
-    """Add the accelerations of the external potentials."""
+def add_field(some: ti.i32, n: ti.i32, rows: f64_2d, count: ti.i32, active: i32_1d, x: f64_2d, a: f64_2d):
+    """Add the accelerations of the external potentials; where `some`, to the active stars alone."""
     for i in range(n):
-        field = field_at(rows, count, x[0, i], x[1, i], x[2, i])
-        for c in ti.static(range(3)):
-            a[c, i] += field[c]
+        if some == 0 or active[i] != 0:
+            field = field_at(rows, count, x[0, i], x[1, i], x[2, i])
+            for c in ti.static(range(3)):
+                a[c, i] += field[c]
 
 
 @ti.kernel

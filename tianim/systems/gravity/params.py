@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
-from tianim.params import Fraction, Name, Params, Positive
+from tianim.params import Fraction, Name, Params
 from tianim.system import Bounds, SystemParams
 from tianim.systems.gravity.components import Bodies, Component, Galaxy, Orbits, SnapshotFile, check_galaxies
 from tianim.systems.gravity.external import External, Magnitude
@@ -36,7 +36,7 @@ ETA_SOFT, ETA_HARD = 0.2, 0.02
 
 # State of a star (places, velocities, accelerations, mass, potential) and what the tree takes.
 BYTES_PER_STAR = 180
-BYTES_SAVED, BYTES_RUNG, BYTES_STAGES = 80, 4, 96
+BYTES_SAVED, BYTES_RUNG, BYTES_STAGES = 80, 8, 96
 # Of launching the kernels of a step.
 SECONDS_PER_STEP = 4e-4
 # Bytes of a star in a snapshot file: place, velocity, mass and id in single precision.
@@ -99,7 +99,7 @@ class AdaptiveStep(_Chosen):
 
 
 class BlockStep(_Chosen):
-    """Each star its own power-of-two step; leapfrog only. Forces are found for all at the finest."""
+    """Each star its own power-of-two step, and its forces at the ends of its steps alone; leapfrog only."""
 
     kind: Literal["block"] = "block"
 
@@ -111,7 +111,7 @@ class Rings(Params):
     """Rings of a disk to be measured in each frame, about its own centre and axis."""
 
     component: Name = Field(description="name of the component", examples=["disk"])
-    edges: tuple[Positive, ...] = Field(
+    edges: tuple[Magnitude, ...] = Field(
         min_length=2, max_length=101, description="radii between the rings, rising [own length]",
         examples=[[0.5, 1.0, 2.0]],
     )  # fmt: skip

@@ -97,7 +97,7 @@ def _read(
             arrays = _npz(path, names) if suffix == ".npz" else _csv(path, names)
     except OSError as error:
         raise SceneError(f"{path}: cannot be read ({error.strerror or _first_line(error)})") from error
-    except (ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
         raise SceneError(f"{path}: not a readable {suffix} file ({_first_line(error)})") from error
     return _checked(path, arrays), units
 
@@ -111,7 +111,7 @@ def _npz(path: Path, names: tuple[str, ...]) -> dict[str, Floats]:
 
 
 def _csv(path: Path, names: tuple[str, ...]) -> dict[str, Floats]:
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         head = [name.strip().lower() for name in next(csv.reader(file), [])]
     wanted = [column for name in names for column in CSV_COLUMNS[name]]
     _need(path, wanted, head, "column")
@@ -144,6 +144,9 @@ def _gadget(
             raise SceneError(
                 f"{path}: a cosmological snapshot (comoving coordinates), which is not supported"
             )
+        parts = int(file["Header"].attrs.get("NumFilesPerSnapshot", 1))
+        if parts > 1:
+            raise SceneError(f"{path}: one of {parts} files of a snapshot; join them into one first")
         there = [number for number in range(6) if f"PartType{number}" in file]
         for number in types or ():
             if number not in there:

@@ -34,7 +34,7 @@ class Solver(Protocol):
     law: Law
 
     def evaluate(self, x: Any, mass: Any, a: Any, phi: Any = None, active: Any = None) -> None:
-        """Fill a (3, n) and phi (n,) for stars at x (3, n) with mass (n,); of those alone with active (n,) 1."""
+        """Fill a (3, n) and phi (n,) for stars at x (3, n) with mass (n,); of the `active` alone if given."""
 
     def sample_error(
         self, x: Any, mass: Any, a: Any, rng_seed: int, sample: int = 1000

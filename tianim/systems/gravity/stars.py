@@ -138,6 +138,7 @@ class Stars:
         self.rows, self.row_count = ti.ndarray(ti.f64, rows.shape), len(potentials)
         self.rows.from_numpy(rows)
         self.forces: list[Force] = []
+        self._nobody = ti.ndarray(ti.i32, 1)
         self._saved: tuple[Any, ...] = ()
         self._stage: tuple[Any, ...] = ()
         self._sums = np.zeros((diagnostics.PIECES, diagnostics.SUMS))
@@ -155,18 +156,26 @@ class Stars:
                 self.count, self.law, how.accuracy, how.kind, how.precision, self.massive
             )
 
-    def accelerate(self, time: float) -> None:
-        """Accelerations and potentials at the places of now, `time` [s]."""
+    def accelerate(self, time: float, active: Any = None) -> None:
+        """Accelerations and potentials at the places of now, `time` [s].
+
+        active  i32 (capacity,), 1 or 0: those of the stars with 1 alone, the others' stay as they were
+        """
         if self.solver is None:
             self.a.fill(0.0)
+            active = None
         else:
-            self.solver.evaluate(self.x, self.mass, self.a, self.phi)
-            if isinstance(self.solver, TreeSum):
+            self.solver.evaluate(self.x, self.mass, self.a, self.phi, active)
+            # The net force is not known from some alone.
+            if isinstance(self.solver, TreeSum) and active is None:
                 self._balance()
         if self.row_count:
-            external.add_field(self.count, self.rows, self.row_count, self.x, self.a)
+            external.add_field(
+                active is not None, self.count, self.rows, self.row_count,
+                self._nobody if active is None else active, self.x, self.a,
+            )  # fmt: skip
         if self.forces:
-            self._add_forces(time)
+            self._add_forces(time, active)
 
     def _balance(self) -> None:
         """Take the net force from the stars: a tree's forces are not in pairs and push the whole.
@@ -179,13 +188,16 @@ class Stars:
         if size > 0.0:
             balance(self.count, x / size, y / size, z / size, self.a)
 
-    def _add_forces(self, time: float) -> None:
+    def _add_forces(self, time: float, active: Any) -> None:
         position, velocity = self.read(self.x), self.read(self.v)
+        chosen = slice(None) if active is None else active.to_numpy()[: self.count] != 0
         for force in self.forces:
             given = np.ascontiguousarray(force(time, position, velocity), np.float64)
             if given.shape != position.shape:
                 raise SceneError(f"{self.name}: a force gave shape {given.shape}, must be {position.shape}")
-            add_rows(self.count, given, self.a)
+            own = np.zeros_like(given)
+            own[chosen] = given[chosen]
+            add_rows(self.count, own, self.a)
 
     def read(self, array: Any) -> Floats:
         """x, v or a as (n, 3)."""

@@ -15,9 +15,11 @@ Astronomy 12, 124, who symmetrise with the mean of both ends.)
 finer rung at each end of its step, and to a coarser one where its larger step would begin anyway. Kicks
 are the star's own, everybody drifts together. Block steps are *not* time-symmetric (tau is read at the
 start of a step alone), and momentum is kept only to the order of the steps, because two stars
-on different rungs kick one another at different times. The forces of all stars are found at each of
-the finest steps in use: what block steps save against an adaptive step is noise in the orbits of the
-slow stars, not time. (Springel 2005, MNRAS 364, 1105.)
+on different rungs kick one another at different times, and because a tree's net force can only be taken
+away where all forces are found (measured 1e-5 to 2e-4 in a time unit, G = M = 1). At each of the finest
+steps in use the tree is built anew, but forces are found for the stars whose step ends alone. Measured
+on 20,000 stars and 6 levels: 14 to 28 % of the time on a Plummer sphere, of which one or two rungs hold
+most stars, 34 % on a King sphere of W_0 = 9. (Springel 2005, MNRAS 364, 1105.)
 """
 
 import math
@@ -174,8 +176,12 @@ def begin_and_drift(
     v: f64_2d,
     a: f64_2d,
     rung: i32_1d,
+    active: i32_1d,
 ):
-    """Half a kick for stars whose step begins at `tick`; all drift for `ticks`."""
+    """Half a kick for stars whose step begins at `tick`; all drift for `ticks`.
+
+    active   1 for those whose step ends then, else 0
+    """
     drift = whole * ticks / (1 << levels)
     for i in range(n):
         own = period(levels, rung[i])
@@ -184,6 +190,7 @@ def begin_and_drift(
             if tick % own == 0:
                 v[c, i] += half * a[c, i]
             x[c, i] += drift * v[c, i]
+        active[i] = ti.cast((tick + ticks) % own == 0, ti.i32)
 
 
 class Block:
@@ -192,6 +199,7 @@ class Block:
     def __init__(self, stars: Stars, eta: float, levels: int) -> None:
         self.stars, self.eta, self.levels = stars, eta, levels
         self._rung = ti.ndarray(ti.i32, stars.capacity)
+        self._active = ti.ndarray(ti.i32, stars.capacity)
         self._deepest = ti.ndarray(ti.i32, 1)
         self.steps = 0
 
@@ -202,9 +210,12 @@ class Block:
         self._choose(0, dt)
         while tick < whole:
             ticks = 1 << (self.levels - int(self._deepest[0]))
-            begin_and_drift(stars.count, tick, ticks, self.levels, dt, stars.x, stars.v, stars.a, self._rung)
+            begin_and_drift(
+                stars.count, tick, ticks, self.levels, dt, stars.x, stars.v, stars.a, self._rung, self._active
+            )
             tick += ticks
-            stars.accelerate(time + scene_dt * tick / whole)
+            # In the end all are active, and diagnostics want the net force taken away.
+            stars.accelerate(time + scene_dt * tick / whole, self._active if tick < whole else None)
             self._choose(tick, dt)
             self.steps += 1
 

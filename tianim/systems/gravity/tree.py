@@ -27,6 +27,11 @@ Above some 2e-3 the cubes may not grow further, and the forces are better than a
 in a line are the worst case, ten times the error asked for: all octupoles there point the same way.
 Monopoles alone take as long for 1e-3 on the Plummer sphere, 1.6 times as long on the galaxy, and twice for
 3e-4 on either: they are not offered. The build is 9 to 12 % of an evaluation from 10^5 stars on.
+
+*Limits.* Places are known to 5e-10 of the cube that holds all stars, and to 6e-8 of the box of a group: a
+star that is flung a million times as far as the others costs them their accuracy, beyond two million
+times also the speed (all others then share a cube of the last level, and are summed in pairs). The
+sampled error tells. Stars in one place are a group without extent: all are as wrong as the worst of others.
 """
 
 from typing import Any

@@ -216,11 +216,10 @@ def attract(
 
 
 @ti.func
-def wanted(some: ti.template(), begin, end, order: ti.template(), active: ti.template()):
-    """Whether one of a group's stars is active; always, unless only `some` stars are."""
-    result = 1
-    if ti.static(some):
-        result = 0
+def wanted(some, begin, end, order: ti.template(), active: ti.template()):
+    """Whether one of stars begin ... end - 1 is active; always, unless only `some` stars are."""
+    result = 1 - some
+    if some:
         for i in range(begin, end):
             result |= active[order[i]]
     return result
@@ -230,7 +229,7 @@ def wanted(some: ti.template(), begin, end, order: ti.template(), active: ti.tem
 def walk(
     kind: ti.template(),
     with_phi: ti.template(),
-    some: ti.template(),
+    some: ti.i32,
     groups: ti.i32,
     tasks: ti.i32,
     stride: ti.i32,
@@ -257,7 +256,8 @@ def walk(
     """Each task lets one group after another walk and writes the sums of its stars.
 
     alpha and guard are those of the opening criterion; to_a and to_phi give the sums their units. Where
-    `some`, groups without an active star stay out, and the active stars alone are written.
+    `some`, groups without an active star stay out, and the active stars alone are written. It is no
+    template: two kernels might sum in another order.
     """
     for task_block in range(tasks * stride):
         if task_block % stride == 0:

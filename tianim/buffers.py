@@ -37,6 +37,11 @@ class Buffer:
     descriptor: int
     memory: mmap.mmap
 
+    @property
+    def closed(self) -> bool:
+        """Whether it was given back."""
+        return self.memory.closed
+
     def close(self) -> None:
         """Give it back to the system."""
         self.memory.close()

@@ -13,12 +13,13 @@ from tianim.simulation import Simulation
 from tianim.view.look import Look
 from tianim.view.painter import Painter
 
-# Of each way; two frames of the slower rhythm.
-STEPS = 16
+# Of each way; four frames of the slower rhythm.
+STEPS = 32
 STEPS_A_FRAME = 8
 FIELDS = ("velocity", "id")  # as in configs/boids_million.yaml
-# Frames written before the clock starts: the writer's buffers are then as full as they stay.
-FRAMES_BEFORE = 2
+# Frames written before the clock starts: the writer's process, which takes half a second to start, is then
+# at work, and its buffers are as full as they stay.
+FRAMES_BEFORE = 6
 
 
 class Export(Flock):
@@ -36,7 +37,7 @@ class Export(Flock):
         self._starts = {steps: simulation.state() for steps, simulation in self._simulations.items()}
 
     def round(self) -> dict[str, Round]:
-        """The four ways one after another, each from the start."""
+        """The five ways one after another, each from the start."""
         self.system.restore(self._start)
         for step in range(WARM_UP):
             self._step(step - WARM_UP)
@@ -45,6 +46,9 @@ class Export(Flock):
             "steps": alone,
             "a frame a step, not written": self._with_frames(1, written=False),
             "a frame a step": self._with_frames(1, written=True),
+            f"a frame every {STEPS_A_FRAME} steps, not written": self._with_frames(
+                STEPS_A_FRAME, written=False
+            ),
             f"a frame every {STEPS_A_FRAME} steps": self._with_frames(STEPS_A_FRAME, written=True),
         }
 

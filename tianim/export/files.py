@@ -126,11 +126,8 @@ def whole_folder(path: Path) -> Iterator[Path]:
 def write_chunks(path: Path, chunks: Sequence[Chunk]) -> None:
     """Write the buffers one after the other into a new file at `path`, without joining them."""
     left = [memoryview(chunk) for chunk in chunks if len(chunk)]
-    size = sum(map(len, left))
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
     try:
-        if size >= LARGE_FILE and hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(descriptor, 0, size)
         while left:
             written = os.writev(descriptor, left[:MAX_CHUNKS])
             while left and written >= len(left[0]):

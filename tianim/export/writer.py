@@ -10,6 +10,7 @@ compiler, ignores Ctrl-C, and ends when this one does: its end of the link close
 An error comes back as OutputError at the next `write`, `wait` or at the end.
 """
 
+import mmap
 import os
 import pickle
 import signal
@@ -18,13 +19,15 @@ import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import count
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 
 from tianim import errors
+from tianim.buffers import Buffer
 from tianim.errors import OutputError, TianimError
 from tianim.export.exporters import Exporters, Plan, plan_output
 from tianim.export.options import OutputOptions
@@ -115,6 +118,19 @@ def open_exporters(
         raise
 
 
+@dataclass(frozen=True)
+class _Order:
+    """What the process is to write: a skeleton and the numbers of its buffers.
+
+    `fresh` are the buffers that it has not seen, whose descriptors follow; `gone` it may forget.
+    """
+
+    skeleton: Frame
+    buffers: list[int]
+    fresh: list[int]
+    gone: list[int]
+
+
 class _Remote:
     """The writer process, seen from the simulation."""
 
@@ -135,6 +151,9 @@ class _Remote:
         )
         theirs.close()
         self._under_way: deque[Parcel] = deque()
+        # The buffers that the process has mapped; to map one anew costs as much as to write it.
+        self._mapped: dict[Buffer, int] = {}
+        self._numbers = count()
         self._failure: TianimError | None = None
         self._send(plan)
 
@@ -142,9 +161,18 @@ class _Remote:
         while self._link.poll() or len(self._under_way) >= SLOTS:
             self._receive()
         parcel = pack(frame)
-        self._send(("frame", parcel.skeleton, len(parcel.buffers)))
+        gone = [self._mapped.pop(buffer) for buffer in list(self._mapped) if buffer.closed]
+        fresh = [buffer for buffer in parcel.buffers if buffer not in self._mapped]
+        self._mapped |= zip(fresh, self._numbers, strict=False)
+        order = _Order(
+            parcel.skeleton,
+            [self._mapped[buffer] for buffer in parcel.buffers],
+            [self._mapped[buffer] for buffer in fresh],
+            gone,
+        )
+        self._send(order)
         with self._lost_link():
-            for buffer in parcel.buffers:
+            for buffer in fresh:
                 send_handle(self._link, buffer.descriptor, self._process.pid)
         self._under_way.append(parcel)
 
@@ -155,7 +183,7 @@ class _Remote:
 
     def finish(self) -> None:
         self.wait()
-        self._send(("finish", None, 0))
+        self._send(None)
         try:
             self._receive()
         except KeyboardInterrupt:
@@ -234,10 +262,15 @@ def serve() -> None:
 
 def _serve_frames(link: Connection) -> None:
     exporters = Exporters(link.recv())
+    mapped: dict[int, mmap.mmap] = {}
     while True:
-        order, skeleton, count = link.recv()
-        if order == "frame":
-            exporters.write(unpack(skeleton, [map_memory(recv_handle(link)) for _ in range(count)]))
-        else:
+        order: _Order | None = link.recv()
+        if order is None:
             exporters.finish()
-        _send(link, (order == "frame", None))
+        else:
+            for number in order.gone:
+                del mapped[number]
+            for number in order.fresh:
+                mapped[number] = map_memory(recv_handle(link))
+            exporters.write(unpack(order.skeleton, [mapped[number] for number in order.buffers]))
+        _send(link, (order is not None, None))

@@ -32,6 +32,7 @@ PIECES = 64
 SIZE_BITS, INFINITY_BITS = 0x7FFFFFFF, 0x7F800000  # of a float32: all but the sign, and infinity
 # Unit velocity (3), speed, its maximum, place (3), the bits of the largest component of either.
 SUMS = 9
+RUN = 256
 
 
 @ti.func
@@ -192,16 +193,22 @@ def sums(n: ti.i32, stride: ti.i32, x: f32_2d, v: f32_2d, out: f64_2d):
         if block % stride == 0:
             piece = block // stride
             total = ti.Vector([0.0] * SUMS, ti.f64)
-            worst = 0
-            for i in range(share(n, piece, PIECES), share(n, piece + 1, PIECES)):
-                velocity = column(v, i)
-                speed = velocity.norm()
-                for c in ti.static(range(3)):
-                    total[c] += velocity[c] / ti.max(speed, TINY)
-                    total[5 + c] += x[c, i]
-                    worst = ti.max(worst, size_bits(x[c, i]), size_bits(velocity[c]))
-                total[3] += speed
-                total[4] = ti.max(total[4], speed)
+            worst, begin, end = 0, share(n, piece, PIECES), share(n, piece + 1, PIECES)
+            while begin < end:
+                # Short runs in float32, which are vectorised, added up in float64.
+                run = ti.Vector([0.0] * SUMS)
+                for i in range(begin, ti.min(begin + RUN, end)):
+                    velocity = column(v, i)
+                    speed = velocity.norm()
+                    for c in ti.static(range(3)):
+                        run[c] += velocity[c] / ti.max(speed, TINY)
+                        run[5 + c] += x[c, i]
+                        worst = ti.max(worst, size_bits(x[c, i]), size_bits(velocity[c]))
+                    run[3] += speed
+                    run[4] = ti.max(run[4], speed)
+                for k in ti.static(range(SUMS)):
+                    total[k] = ti.max(total[k], run[k]) if k == 4 else total[k] + run[k]
+                begin += RUN
             total[8] = worst
             for k in ti.static(range(SUMS)):
                 out[piece, k] = total[k]

@@ -41,7 +41,13 @@ VARIANTS = {
     "boids_topological": [""],
     "grid": ["sort from any order", "sort", "walk"],
     "gravity": ["plummer", "galaxy", "plummer, direct sum", "galaxy, direct sum"],
-    "export": ["steps", "a frame a step, not written", "a frame a step", "a frame every 8 steps"],
+    "export": [
+        "steps",
+        "a frame a step, not written",
+        "a frame a step",
+        "a frame every 8 steps, not written",
+        "a frame every 8 steps",
+    ],
     "render": ["darts", "spheres"],
     "startup": ["first frame", "first step"],
 }

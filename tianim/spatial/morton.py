@@ -15,6 +15,7 @@ from typing import Any
 
 from tianim.lang import f32_1d, f64_1d, f64_2d, i32_1d, i32_2d, i64_1d, ti, workers
 from tianim.spatial.columns import sorts_serially, staggered
+from tianim.spatial.grid import share
 
 LEVELS = 21  # of the octree that keys can tell: 63 bits
 DROPPED = 10  # of the 31 bits of a lattice coordinate, those that the key leaves out
@@ -30,12 +31,6 @@ LONGEST_RUN = 2048
 PARTS = 64
 # Entries of the array that describes the cube: lower corner, side, total mass.
 LOWER, SIDE, MASS = 0, 3, 4
-
-
-@ti.func
-def share(n, t, tasks):
-    """First of the n items that task t of `tasks` takes."""
-    return ti.cast(ti.cast(n, ti.i64) * t // tasks, ti.i32)
 
 
 @ti.func

@@ -12,6 +12,7 @@ shows).
 """
 
 from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti
+from tianim.math.bits import INFINITY_BITS, size_bits
 from tianim.math.quaternion import from_axes
 from tianim.spatial.bodies import signed_distance, surface_velocity
 from tianim.spatial.grid import share
@@ -29,7 +30,6 @@ from tianim.systems.boids.tables import (
 GRAVITY = 9.81  # against which a boid banks [m/s2]
 # Sums are made over this many fixed pieces, so that they do not depend on the number of threads.
 PIECES = 64
-SIZE_BITS, INFINITY_BITS = 0x7FFFFFFF, 0x7F800000  # of a float32: all but the sign, and infinity
 # Unit velocity (3), speed, its maximum, place (3), the bits of the largest component of either.
 SUMS = 9
 RUN = 256
@@ -162,12 +162,6 @@ def orientation(n: ti.i32, identity: i32_2d, v: f32_2d, lean: f32_2d, out: f32_2
         q = from_axes(c * right - s * up, c * up + s * right, forward)
         for k in ti.static(range(4)):
             out[identity[0, i], k] = q[k]
-
-
-@ti.func
-def size_bits(value):
-    """The bits of |value|, in the order of sizes, NaN last: fast arithmetic may assume there is none."""
-    return ti.bit_cast(value, ti.i32) & SIZE_BITS
 
 
 @ti.kernel

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f64_1d, f64_2d, i32_1d, ti
+from tianim.math.bits import INFINITY_BITS, size_bits
 from tianim.spatial.grid import share
 from tianim.systems.gravity.external import field_at
 
@@ -24,7 +25,6 @@ PIECES = 64
 MASS, MOMENTUM, PLACE, ANGULAR = 0, 1, 4, 7
 KINETIC, OWN, EXTERNAL, VIRIAL, PULL, SPEED = 10, 11, 12, 13, 14, 17
 SUMS = 18
-SIZE_BITS, INFINITY_BITS = 0x7FFFFFFF, 0x7F800000  # of a float32: all but the sign, and infinity
 # Stars fewer than this in a ring say nothing of a dispersion.
 FEWEST = 3
 # pi G Sigma over sigma kappa at Q = 1 for stars (Toomre 1964).
@@ -69,12 +69,6 @@ def sums(
                 total[SPEED] += m * ti.sqrt(v2)
             for c in ti.static(range(SUMS)):
                 out[piece, c] = total[c]
-
-
-@ti.func
-def size_bits(value):
-    """The bits of |value| as float32: in the order of sizes, NaN last."""
-    return ti.bit_cast(ti.cast(value, ti.f32), ti.i32) & SIZE_BITS
 
 
 @ti.kernel

@@ -15,7 +15,7 @@ from typing import Any
 
 from tianim.lang import f32_1d, f64_1d, f64_2d, i32_1d, i32_2d, i64_1d, ti, workers
 from tianim.spatial.columns import sorts_serially, staggered
-from tianim.spatial.grid import share
+from tianim.spatial.tubes import share
 
 LEVELS = 21  # of the octree that keys can tell: 63 bits
 DROPPED = 10  # of the 31 bits of a lattice coordinate, those that the key leaves out

@@ -37,12 +37,12 @@ from numpy.typing import NDArray
 from tianim.errors import SceneError
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, i64_1d, ti
 from tianim.spatial.columns import Columns, staggered
-from tianim.spatial.grid import (
+from tianim.spatial.grid import NeighborGrid
+from tianim.spatial.tubes import (
     NX,
     STRIDE,
     TASKS,
     TURN,
-    NeighborGrid,
     first_row,
     gather_tube,
     pieces,

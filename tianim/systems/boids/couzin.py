@@ -25,12 +25,13 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import normal3, unit_vector
 from tianim.params import Animated, Count, Degrees, NonNegative, Positive
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import (
+from tianim.spatial.grid import NeighborGrid
+from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
+from tianim.spatial.tubes import (
     NX,
     STRIDE,
     TASKS,
     TURN,
-    NeighborGrid,
     first_row,
     gather_tube,
     pieces,
@@ -38,7 +39,6 @@ from tianim.spatial.grid import (
     slice_of,
     take_turn,
 )
-from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.flocking import TINY
 from tianim.systems.boids.motion import turned

@@ -16,7 +16,7 @@ number of candidates within it, which vectorises, and then bounds the three radi
 """
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.spatial.grid import (
+from tianim.spatial.tubes import (
     NX,
     STRIDE,
     TASKS,

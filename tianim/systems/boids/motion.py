@@ -15,7 +15,7 @@ from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti
 from tianim.math.bits import INFINITY_BITS, size_bits
 from tianim.math.quaternion import from_axes
 from tianim.spatial.bodies import signed_distance, surface_velocity
-from tianim.spatial.grid import share
+from tianim.spatial.tubes import share
 from tianim.systems.boids.flocking import TINY
 from tianim.systems.boids.steering import column
 from tianim.systems.boids.tables import (

@@ -21,12 +21,13 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.random import uniform
 from tianim.params import Animated, Count, Positive
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import (
+from tianim.spatial.grid import NeighborGrid
+from tianim.spatial.placement import Placement, RandomHeading, check_start, place
+from tianim.spatial.tubes import (
     NX,
     STRIDE,
     TASKS,
     TURN,
-    NeighborGrid,
     first_row,
     gather_tube,
     pieces,
@@ -34,7 +35,6 @@ from tianim.spatial.grid import (
     slice_of,
     take_turn,
 )
-from tianim.spatial.placement import Placement, RandomHeading, check_start, place
 from tianim.system import Bounds, SystemParams, World
 from tianim.systems.boids.params import BYTES_PER_BOID, SECONDS_PER_BOID_STEP, SECONDS_PER_STEP
 from tianim.systems.boids.swarm import Swarm

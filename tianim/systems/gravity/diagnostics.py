@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tianim.lang import f64_1d, f64_2d, i32_1d, ti
 from tianim.math.bits import INFINITY_BITS, size_bits
-from tianim.spatial.grid import share
+from tianim.spatial.tubes import share
 from tianim.systems.gravity.external import field_at
 
 Floats = NDArray[np.float64]

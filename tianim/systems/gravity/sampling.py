@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f64_1d, f64_2d, i32_1d, ti, workers
-from tianim.spatial.grid import share
+from tianim.spatial.tubes import share
 from tianim.systems.gravity.softening import NO_DISTANCE, Law, pair
 
 SAMPLE = 1000

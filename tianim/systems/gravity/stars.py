@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tianim.errors import SceneError
 from tianim.lang import f32_2d, f64_1d, f64_2d, ti, workers
 from tianim.spatial.columns import staggered
-from tianim.spatial.grid import share
+from tianim.spatial.tubes import share
 from tianim.systems.gravity import diagnostics, external
 from tianim.systems.gravity.diagnostics import PIECES
 from tianim.systems.gravity.params import SolverParams

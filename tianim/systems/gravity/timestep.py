@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f64_1d, f64_2d, i32_1d, ti, workers
-from tianim.spatial.grid import share
+from tianim.spatial.tubes import share
 from tianim.systems.gravity.diagnostics import PIECES
 from tianim.systems.gravity.external import field_at
 from tianim.systems.gravity.integrators import Integrator

@@ -1,8 +1,9 @@
 """The Simulation: owns the clock, steps the systems, yields frames.
 
-A frame lasts 1/fps seconds and is made of equal substeps, as many as the systems' `max_step`
-asks for at the start of the frame. Frame k is at exactly k/fps seconds: no time is added up, so
-the same number of frames gives the same frames, whether run at once or resumed.
+A frame lasts 1/fps seconds and is made of substeps, as many equal ones as the systems' `max_step`
+asks for at its start; where they ask for another number on the way, the rest of the frame is divided
+anew. Frame k is at exactly k/fps seconds: no time is added up from frame to frame, so the same number
+of frames gives the same frames, whether run at once or resumed.
 
     simulation = tianim.build(tianim.load_scene("configs/murmuration.yaml"))
     for frame in simulation.frames():
@@ -97,10 +98,10 @@ class Simulation:
         """Go on by one frame and give it. Raises BlowupError with system, frame and particle."""
         self._start_given = True
         started = wall.perf_counter()
-        self.substeps = self._substeps_needed()
-        dt = 1.0 / self.fps / self.substeps
-        for substep in range(self.substeps):
-            self._step((self.index + substep / self.substeps) / self.fps, dt)
+        self.substeps = 0
+        for time, dt in self._plan():
+            self._step(time, dt)
+            self.substeps += 1
         self.index += 1
         self._time = self.index / self.fps
         for system in self.systems.values():
@@ -154,7 +155,20 @@ class Simulation:
         for callback in self._callbacks:
             callback(self, dt)
 
-    def _substeps_needed(self) -> int:
+    def _plan(self) -> Iterator[tuple[float, float]]:
+        """Start [s] and dt [s] of each substep of the frame to come; asked anew after each."""
+        begin, done, planned = 0.0, 0, self._substeps_needed(1.0)
+        while done < planned:
+            part = 1.0 - begin
+            yield (self.index + begin + part * done / planned) / self.fps, part / self.fps / planned
+            done += 1
+            rest = part * (planned - done) / planned
+            needed = self._substeps_needed(rest) if done < planned else 0
+            if needed != planned - done:
+                begin, done, planned = 1.0 - rest, 0, needed
+
+    def _substeps_needed(self, rest: float) -> int:
+        """Equal steps that the systems ask for in the `rest` of the frame, part of it."""
         frame_dt = 1.0 / self.fps
         name, largest = "", math.inf
         for candidate, system in self.systems.items():
@@ -166,7 +180,7 @@ class Simulation:
                 f"{name}: frame {self.index + 1} would need more than {MOST_SUBSTEPS:,} substeps "
                 f"(largest stable step {largest:g} s)"
             )
-        return max(1, math.ceil(frame_dt / largest * (1.0 - STEP_ROUNDING)))
+        return max(1, math.ceil(rest * frame_dt / largest * (1.0 - STEP_ROUNDING)))
 
     def _check(self, system: System) -> None:
         try:

@@ -413,3 +413,45 @@ def test_lists_that_were_never_built_are_restored_as_such() -> None:
     lists = NeighborLists(5, 3, OPEN, 1.0, 0.4)
     lists.restore(NeighborLists(5, 3, OPEN, 1.0, 0.4).state())
     assert lists.needs_rebuild(columns_of(scattered(5, 0.0, 1.0, 3)))
+
+
+@pytest.mark.parametrize("kind", ["open", "contained", "periodic"])
+def test_pairs_follow_particles_that_come_and_go(kind: str) -> None:
+    """Lists with room for more find the pairs of those that there are, and notice each change."""
+    bounds = OPEN if kind == "open" else box(kind, 0.0, 12.0)
+    columns = Columns(0, {"position": 3}, room=6000)
+    lists = NeighborLists(6000, 3, bounds, 1.0, 0.1)
+    rng = np.random.default_rng(4)
+    for coming, share in ((0, 0.0), (2000, 0.0), (500, 0.4), (1, 0.99), (5000, 0.01)):
+        columns.append(coming, {"position": rng.uniform(0.0, 12.0, (coming, 3)).astype(np.float32)})
+        assert lists.update(columns) or coming == 0
+        assert not lists.update(columns)
+        columns.remove((rng.random(columns.count) >= share).astype(np.int32))
+        assert lists.update(columns) == (share > 0.0)
+        assert lists.count == lists.grid.count == columns.count
+        ids = columns.state()["id"][0]
+        rank = np.empty(columns.issued, np.int64)
+        rank[np.sort(ids)] = np.arange(columns.count)
+        owner = np.repeat(np.arange(columns.count), np.diff(lists.offset.to_numpy()[: columns.count + 1]))
+        found_now = np.stack([rank[ids[owner]], rank[ids[rows_of(lists)]]], axis=1)
+        np.testing.assert_array_equal(
+            in_order(found_now, columns.count), expected(columns.read("position"), 1.1, bounds, 3)
+        )
+
+
+def test_lists_notice_an_exchange_of_particles() -> None:
+    """One gone and one come: the number is the same, the places are not."""
+    columns = Columns(0, {"position": 3}, room=50)
+    columns.append(40, {"position": scattered(40, 0.0, 3.0, 3)})
+    lists = NeighborLists(50, 3, OPEN, 1.0, 0.1)
+    lists.build(columns)
+    columns.remove(np.array([1] * 39 + [0], np.int32))
+    columns.append(1, {"position": np.array([[5.0, 5.0, 5.0]])})
+    assert lists.needs_rebuild(columns)
+
+
+def test_a_grid_refuses_more_than_it_has_room_for() -> None:
+    columns = Columns(0, {"position": 3}, room=50)
+    columns.append(11, {})
+    with pytest.raises(ValueError, match="11 particles in a grid for 10"):
+        NeighborGrid(10, 3, OPEN, 1.0).sort(columns)

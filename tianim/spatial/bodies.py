@@ -7,8 +7,9 @@ A row of `table` holds a body's pose, velocities and shape; kernels get the tabl
 
 Distance is positive in free space and negative in the solid, the normal is its gradient; for
 containers free space is inside. Sphere, capsule and box are one formula: the distance to a box
-of half lengths h (0 for the sphere, (0, l/2, 0) for the capsule) less a radius. Meshes look a
-sampled grid up (`distance_grid`); a mesh sequence blends the grids of two keys.
+of half lengths h (0 for the sphere, (0, l/2, 0) for the capsule) less a radius. A cylinder is a
+box in the plane of its axis and the point. Meshes look a sampled grid up (`distance_grid`); a mesh
+sequence blends the grids of two keys.
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,12 +27,13 @@ from tianim.spatial.body_params import (
     BodyParams,
     Box,
     Capsule,
+    Cylinder,
     MeshSequence,
     Plane,
     Sphere,
     TriangleMesh,
 )
-from tianim.spatial.body_shapes import Edges, Surface, primitive_shape
+from tianim.spatial.body_shapes import Edges, Surface, primitive_shape, wire
 from tianim.spatial.mesh_bodies import BLOCK, MeshGrid
 
 __all__ = [
@@ -39,6 +41,7 @@ __all__ = [
     "BodyParams",
     "Box",
     "Capsule",
+    "Cylinder",
     "MeshSequence",
     "Plane",
     "Sphere",
@@ -55,7 +58,9 @@ POSITION = 3  # [m], 3 columns
 ROTATION = 6  # quaternion (x, y, z, w)
 VELOCITY = 10  # of the origin [m/s], 3 columns
 SPIN = 13  # angular velocity in world axes [rad/s], 3 columns
-SHAPE = 16  # half lengths [m], the plane's normal, or the grid's lower corner [m]
+SHAPE = (
+    16  # half lengths (cylinder: radius, half length, far) or lower corner of the grid [m], plane's normal
+)
 CELL = 19  # of the grid [m]
 SIZE = 20  # samples of the grid along x, y, z
 FIRST = 23  # first sample of the key before, in blocks
@@ -64,7 +69,7 @@ BLEND = 25  # 0: the key before, 1: the key after
 RATE = 26  # keys a second, negative when played backwards; 0 where one key is all there is [1/s]
 WIDTH = 28
 
-PLANE, ROUNDED, MESH = 0, 1, 2
+PLANE, ROUNDED, MESH, CYLINDER = 0, 1, 2, 3
 FAR = 1e30  # [m], more than any distance
 
 
@@ -96,6 +101,17 @@ def _rounded_box(p, half, radius):
         normal = side * outside / length
     distance = length + ti.min(q.max(), 0.0) - radius
     return ti.Vector([normal.x, normal.y, normal.z, distance])
+
+
+@ti.func
+def _cylinder(p, half):
+    """Normal and distance of a cylinder along y at local `p`; `half`: radius, half length, far."""
+    r = ti.Vector([p.x, 0.0, p.z]).norm()
+    flat = _rounded_box(ti.Vector([r, p.y, 0.0]), half, 0.0)
+    out = ti.Vector([1.0, 0.0, 0.0])
+    if r > 0.0:
+        out = ti.Vector([p.x, 0.0, p.z]) / r
+    return ti.Vector([flat.x * out.x, flat.y, flat.x * out.z, flat.w])
 
 
 @ti.func
@@ -163,6 +179,8 @@ def signed_distance(table: ti.template(), samples: ti.template(), b, x):
     hit = ti.Vector([shape.x, shape.y, shape.z, shape.dot(p)])
     if kind == ROUNDED:
         hit = _rounded_box(p, shape, table[b, ROUNDING])
+    if kind == CYLINDER:
+        hit = _cylinder(p, shape)
     if kind == MESH:
         hit = _mesh(table, samples, b, p)
     n = rotate(rotation, hit.xyz)
@@ -259,6 +277,9 @@ class Bodies:
             row[ROUNDING] = body.radius
         elif isinstance(body, Capsule):
             row[ROUNDING], row[SHAPE + 1] = body.radius, 0.5 * body.length
+        elif isinstance(body, Cylinder):
+            row[KIND] = CYLINDER
+            row[SHAPE : SHAPE + 3] = body.radius, 0.5 * body.length, FAR
         else:
             row[KIND], row[ROUNDING] = MESH, body.thickness
             grid = self._grids[b].grid
@@ -304,7 +325,8 @@ class Bodies:
     def _shape(self, b: int) -> Surface | Edges:
         body = self._bodies[b]
         if isinstance(body, TriangleMesh | MeshSequence):
-            return self._grids[b].shape()
+            surface = self._grids[b].shape()
+            return wire(surface) if getattr(body, "inside", False) else surface
         return primitive_shape(body)
 
     def _show(self, b: int) -> Mesh | Lines:

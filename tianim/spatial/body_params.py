@@ -63,6 +63,15 @@ class Capsule(Posed):
     length: Positive = Field(1.0, description="between the centres of the two round ends [m]")
 
 
+class Cylinder(Posed):
+    """A cylinder about its origin along the body's y axis, with flat ends."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    radius: Positive = Field(0.5, description="radius [m]")
+    length: Positive = Field(1.0, description="from end to end [m]")
+    inside: bool = Field(False, description="true: a container, free space is inside")
+
+
 class TriangleMesh(Posed):
     """A closed triangle mesh, or an open one as a shell of some thickness."""
 
@@ -73,9 +82,12 @@ class TriangleMesh(Posed):
     thickness: NonNegative = Field(
         0.0, description="0: the solid inside; else a shell that reaches this far from the surface [m]"
     )
+    inside: bool = Field(False, description="true: a container, free space is inside the closed mesh")
 
     @model_validator(mode="after")
     def _is_a_mesh(self) -> Self:
+        if self.inside and self.thickness > 0.0:
+            raise ValueError("inside: true needs a closed mesh without thickness: a shell has no inside")
         _refuse_bad_mesh(self.file, self)
         return self
 
@@ -129,7 +141,7 @@ class MeshSequence(Posed):
 
 
 BodyParams = Annotated[
-    Plane | Box | Sphere | Capsule | TriangleMesh | MeshSequence, Field(discriminator="kind")
+    Plane | Box | Sphere | Capsule | Cylinder | TriangleMesh | MeshSequence, Field(discriminator="kind")
 ]
 
 

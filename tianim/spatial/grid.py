@@ -148,13 +148,14 @@ def at_most(cells: list[int], most: int) -> list[int]:
 class NeighborGrid:
     """Cells over a domain: `sort` orders the columns and fills `start`, kernels then walk.
 
-    Kernels get `shape`, `geometry`, `start`, `scratch` and `offset`.
+    Kernels get `shape`, `geometry`, `start`, `scratch` and `offset`. There is room for as many
+    particles as it was made for; `count` follows the columns.
     """
 
     def __init__(
         self, count: int, dimension: int, bounds: Bounds, radius: float, tagged: bool = False
     ) -> None:
-        self.count = count
+        self.count = self.room = count
         self.dimension = dimension
         self.bounds = bounds
         self.tagged = tagged
@@ -192,7 +193,7 @@ class NeighborGrid:
     def _cut(self, radius: float) -> tuple[tuple[int, int, int], list[float], list[float]]:
         """Cells an axis, lower corner and cell size."""
         size = radius * CELL_MARGIN
-        open_cells = round((CELLS_PER_PARTICLE * max(self.count, 1)) ** (1 / self.dimension))
+        open_cells = round((CELLS_PER_PARTICLE * max(self.room, 1)) ** (1 / self.dimension))
         cells, lower, sizes, lengths = [1, 1, 1], [0.0] * 3, [size] * 3, [size] * 3
         periodic = self.bounds.kind == "periodic"
         for axis in range(self.dimension):
@@ -210,7 +211,7 @@ class NeighborGrid:
             cells[axis] = fit if periodic else max(fit + 1, MIN_CELLS)
         if self.bounds.lower is not None:
             each = PERIODIC_CELLS_PER_PARTICLE if periodic else CELLS_PER_PARTICLE
-            cells = at_most(cells, max(each * self.count, FEWEST_CELLS))
+            cells = at_most(cells, max(each * self.room, FEWEST_CELLS))
         if periodic:
             sizes = [length / n for length, n in zip(lengths, cells, strict=True)]
         return (cells[0], cells[1], cells[2]), lower, sizes
@@ -238,6 +239,8 @@ class NeighborGrid:
 
     def sort(self, columns: Columns) -> None:
         """Put the columns into cell order; afterwards `start` says where each cell begins."""
+        if columns.count != self.count:
+            self._follow(columns.count)
         sort_order(
             sorts_serially(self.count),
             self.shape,
@@ -253,10 +256,17 @@ class NeighborGrid:
         if needed + LANES > self._capacity:
             self._reserve(2 * needed)
 
+    def _follow(self, count: int) -> None:
+        """Particles came or went."""
+        if count > self.room:
+            raise ValueError(f"{count} particles in a grid for {self.room}")
+        self.count = count
+        self.shape[COUNT] = count
+
     def memory_bytes(self) -> int:
         """Bytes of cells and scratch."""
         return 4 * (
-            2 * staggered(self.count)
+            2 * staggered(self.room)
             + self._cells
             + self.tasks * staggered(self._cells)
             + self.scratch.shape[0] * self.scratch.shape[1]

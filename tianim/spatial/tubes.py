@@ -9,6 +9,8 @@ from tianim.lang import i32_1d, ti
 # Candidates are read in vectors of 8; what is past the end of a tube lies this far away [m].
 LANES = 8
 FAR = 1e9
+# What a tube holds: places and velocities, a tag too, or places and a tag.
+MOTIONS, TAGGED_MOTIONS, PLACES = 0, 1, 2
 # Pieces of a walk for each task, taken in turn: one that is held up by another process does fewer.
 PIECES = 8
 
@@ -74,7 +76,7 @@ def first_row(piece, shape: ti.template(), start: ti.template()):
 @ti.func
 def gather_tube(
     dimension: ti.template(),
-    tagged: ti.template(),
+    content: ti.template(),
     t,
     row,
     shape: ti.template(),
@@ -91,7 +93,7 @@ def gather_tube(
     Slices 0 to 3 hold the columns n_x - 2, n_x - 1, 0, 1, which meet at the seam, and the slices
     from 4 on all columns; `slice_of` says which one has a column with both its neighbours. In a
     slice the row's own cell comes first. scratch[0:3] is the position, [3:6] the velocity, [6] the
-    tag; offset[t, s] is where slice s starts.
+    tag, as `content` says; offset[t, s] is where slice s starts.
     """
     nx, ny, nz = shape[NX], shape[NY], shape[NZ]
     cy, cz = row % ny, row // ny
@@ -136,12 +138,14 @@ def gather_tube(
             for j in range(begin, end):
                 scratch[0, j + move] = x[0, j] - shift_x
                 scratch[1, j + move] = x[1, j] - shift_y
-                scratch[3, j + move] = v[0, j]
-                scratch[4, j + move] = v[1, j]
                 if ti.static(dimension == 3):
                     scratch[2, j + move] = x[2, j] - shift_z
-                    scratch[5, j + move] = v[2, j]
-                if ti.static(tagged):
+                if ti.static(content != PLACES):
+                    scratch[3, j + move] = v[0, j]
+                    scratch[4, j + move] = v[1, j]
+                    if ti.static(dimension == 3):
+                        scratch[5, j + move] = v[2, j]
+                if ti.static(content != MOTIONS):
                     scratch[6, j + move] = ti.cast(tag[0, j], ti.f32)
             m += end - begin
     offset[t, nx + 4] = m

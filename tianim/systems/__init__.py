@@ -7,6 +7,7 @@ from tianim.system import System, SystemParams, World
 from tianim.systems.boids import Boids, BoidsParams
 from tianim.systems.boids.couzin import Couzin, CouzinParams
 from tianim.systems.boids.vicsek import Vicsek, VicsekParams
+from tianim.systems.fluid import Fluid, FluidParams
 from tianim.systems.gravity import Gravity, GravityParams
 
 
@@ -20,6 +21,7 @@ class SystemKind(NamedTuple):
 SYSTEMS: dict[str, SystemKind] = {
     "boids": SystemKind(BoidsParams, Boids),
     "couzin": SystemKind(CouzinParams, Couzin),
+    "fluid": SystemKind(FluidParams, Fluid),
     "gravity": SystemKind(GravityParams, Gravity),
     "vicsek": SystemKind(VicsekParams, Vicsek),
 }

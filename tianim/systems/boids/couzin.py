@@ -33,6 +33,7 @@ from tianim.spatial.tubes import (
     TASKS,
     TURN,
     first_row,
+    MOTIONS,
     gather_tube,
     pieces,
     rounded,
@@ -120,7 +121,7 @@ def decide(
                 for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
                     if start[row * nx + nx] == start[row * nx]:
                         continue
-                    gather_tube(3, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
+                    gather_tube(3, MOTIONS, task, row, shape, geometry, start, x, v, identity, scratch, offset)
                     for c in range(nx):
                         cell, s = row * nx + c, slice_of(c, nx)
                         begin, end = offset[task, s - 1], offset[task, s + 2]

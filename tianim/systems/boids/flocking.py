@@ -22,6 +22,8 @@ from tianim.spatial.tubes import (
     TASKS,
     TURN,
     first_row,
+    MOTIONS,
+    TAGGED_MOTIONS,
     gather_tube,
     pieces,
     rounded,
@@ -189,8 +191,8 @@ def flock(
                     if start[row * nx + nx] == start[row * nx]:
                         continue
                     gather_tube(
-                        dimension, species_aware, task, row, shape, geometry, start, x, v, species, scratch,
-                        offset,
+                        dimension, TAGGED_MOTIONS if species_aware else MOTIONS, task, row, shape, geometry,
+                        start, x, v, species, scratch, offset,
                     )  # fmt: skip
                     for column in range(nx):
                         cell, s = row * nx + column, slice_of(column, nx)

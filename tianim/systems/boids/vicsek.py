@@ -29,6 +29,7 @@ from tianim.spatial.tubes import (
     TASKS,
     TURN,
     first_row,
+    MOTIONS,
     gather_tube,
     pieces,
     rounded,
@@ -114,7 +115,7 @@ def align(
                 for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
                     if start[row * nx + nx] == start[row * nx]:
                         continue
-                    gather_tube(2, False, task, row, shape, geometry, start, x, v, identity, scratch, offset)
+                    gather_tube(2, MOTIONS, task, row, shape, geometry, start, x, v, identity, scratch, offset)
                     for column in range(nx):
                         cell, s = row * nx + column, slice_of(column, nx)
                         begin, end = offset[task, s - 1], offset[task, s + 2]

@@ -1,0 +1,93 @@
+"""A crew: tasks that stay in one kernel and meet at a barrier between its passes.
+
+An iteration of a pressure solver is two passes of a millisecond. Launched one by one, such a pass finds
+the other workers asleep and runs on one core. In a crew each worker runs one task to the end of the
+whole solve; between passes they meet, spinning for the microseconds that one waits for the other. At
+27,000 particles an iteration takes 0.045 us a particle instead of 0.09 (2 cores, wall time).
+
+    for block in range(tasks * stride):                    # one task on each worker
+        if block % stride == 0:
+            turn = 0
+            for iteration in range(most):
+                piece = take(crew, turn)
+                while piece < pieces(n):
+                    for i in range(first_of(piece), last_of(piece, n)): ...
+                    piece = take(crew, turn)
+                turn += 1
+                meet(crew, tasks)
+
+Pieces are taken in turn, so that a worker that is held up does fewer; sums are kept by piece and added
+in their order, so that results do not depend on the number of workers.
+
+Limits: as many workers must run at once as there are tasks, which holds on a CPU (a thread a task). On
+other back ends the same passes are launched one by one.
+"""
+
+from typing import Any
+
+from tianim.lang import CPU_BLOCK, i32_1d, ti, workers
+
+PIECE = 512  # particles taken at a time
+MOST_TURNS = 1024  # passes of one kernel
+# Places in the array: apart, so that they lie on cache lines of their own.
+ARRIVED, ROUND, TURNS = 0, 32, 64
+
+
+@ti.func
+def pieces(n):
+    """Pieces of n particles."""
+    return (n + PIECE - 1) // PIECE
+
+
+@ti.func
+def first_of(piece):
+    """First particle of a piece."""
+    return piece * PIECE
+
+
+@ti.func
+def last_of(piece, n):
+    """One past the last particle of a piece."""
+    return ti.min(n, (piece + 1) * PIECE)
+
+
+@ti.func
+def take(crew: ti.template(), turn):
+    """The next piece of a pass that no task has taken yet."""
+    return ti.atomic_add(crew[TURNS + turn], 1)
+
+
+@ti.func
+def meet(crew: ti.template(), tasks):
+    """Wait until all tasks are here."""
+    now = ti.atomic_add(crew[ROUND], 0)
+    if ti.atomic_add(crew[ARRIVED], 1) == tasks - 1:
+        crew[ARRIVED] = 0
+        ti.atomic_add(crew[ROUND], 1)
+    else:
+        while ti.atomic_add(crew[ROUND], 0) == now:
+            pass
+
+
+@ti.kernel
+def reset(crew: i32_1d):
+    """All turns are to be taken anew."""
+    ti.loop_config(serialize=True)
+    for k in range(crew.shape[0]):
+        crew[k] = 0
+
+
+class Crew:
+    """The array that tasks share, and how many they are. `sums` gives room for sums by piece."""
+
+    def __init__(self, capacity: int) -> None:
+        self.tasks, self.stride = workers()
+        self.works = self.stride == CPU_BLOCK
+        self.array: Any = ti.ndarray(ti.i32, TURNS + MOST_TURNS)
+        self.array.fill(0)
+        # Two of each, used in turn: a task may still read one while another writes the next.
+        self.sums: Any = ti.ndarray(ti.f32, (2, -(-max(capacity, 1) // PIECE)))
+
+    def begin(self) -> None:
+        """Before each kernel that uses the crew."""
+        reset(self.array)

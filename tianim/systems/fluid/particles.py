@@ -1,0 +1,59 @@
+"""The particles of a fluid: what every pressure solver and every force reads and writes.
+
+    position [m], velocity [m/s]    (3, capacity), in storage order, sorted by cell
+    warm     pressures [Pa] that the next solves start from: of the density and of the divergence
+    phase    index into `rest_density` [kg/m^3]
+
+All particles have the same `volume` V [m^dim], whatever their phase: d^dim over the sum of the kernel on
+the cubic lattice, so that a resting lattice has the relative density delta = sum_j V W_ij = 1.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.lang import ti
+from tianim.math.smoothing import cubic_scale, lattice_sum
+from tianim.spatial.columns import Columns
+
+WIDTHS = {"position": 3, "velocity": 3, "warm": 2, "phase": -1}
+
+
+class Particles:
+    """State in `columns`, and what each step finds anew, in storage order.
+
+    density       delta of each particle, walls included, (capacity,)
+    pressure      [Pa], (capacity,)
+    acceleration  of all but pressure [m/s2], (3, capacity)
+    """
+
+    def __init__(
+        self, room: int, dimension: int, spacing: float, support: float, rest_density: NDArray[np.float32]
+    ) -> None:
+        """Room for so many particles, of which there are none yet."""
+        self.dimension, self.spacing, self.h = dimension, spacing, support * spacing
+        self.columns = Columns(0, WIDTHS, room=room)
+        capacity = self.columns.capacity
+        self.scale = cubic_scale(self.h, dimension)
+        self.volume = spacing**dimension / lattice_sum(support, dimension)
+        self.rest_density: Any = ti.ndarray(ti.f32, len(rest_density))
+        self.rest_density.from_numpy(rest_density)
+        self.density: Any = ti.ndarray(ti.f32, capacity)
+        self.pressure: Any = ti.ndarray(ti.f32, capacity)
+        self.acceleration: Any = ti.ndarray(ti.f32, (3, capacity))
+        for array in (self.density, self.pressure, self.acceleration):
+            array.fill(0.0)
+
+    @property
+    def count(self) -> int:
+        """Live particles."""
+        return self.columns.count
+
+    def in_id_order(self, array: Any) -> NDArray[np.float32]:
+        """A copy of one of the arrays of a step, (n,) [its unit], in id order."""
+        order = np.argsort(self.columns["id"].to_numpy()[0, : self.count])
+        return np.asarray(array.to_numpy()[: self.count][order])
+
+    def __getitem__(self, name: str) -> Any:
+        return self.columns[name]

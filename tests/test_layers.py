@@ -16,6 +16,7 @@ PHYSICS = PLAIN | {"math", "spatial", "system"}
 PROGRAM = {
     "checkpoint",
     "export",
+    "foam",
     "info",
     "interrupts",
     "metrics",
@@ -41,6 +42,8 @@ ALLOWED = {
     "simulation": {"errors", "frame", "spatial", "system"},
     "scene": PHYSICS | {"systems", "rig", "couplings", "simulation", "export.options", "view.look"},
     "export": PLAIN | {"view.look"},
+    # A pass over frames that needs the neighbour search and the bodies, which no exporter may.
+    "foam": PHYSICS,
     "view": PLAIN | {"export", "math"},
     "checkpoint": {"errors"},
     "interrupts": set(),

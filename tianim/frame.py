@@ -21,12 +21,14 @@ class Points:
 
     position  [m], shape (n, 3)
     data      per point, shape (n,) or (n, k); "id" int32 is stable over a run
+    spacing   of particles that fill a volume: [m] from one to the next at rest; 0 where they do not
     """
 
     name: str
     position: Float
     data: Mapping[str, Array] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    spacing: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from pathlib import Path
 import tianim
 from tianim.lang import COMPILER
 
-PACKAGES = ("numpy", "scipy", "pydantic", "meshio", "h5py", "trimesh", "pillow")
+PACKAGES = ("numpy", "scipy", "pydantic", "meshio", "h5py", "trimesh", "pillow", "pysplashsurf")
 # Part -> the packages one of which brings it.
 PARTS = {
     "open3d": ("open3d", "open3d-cpu"),
     "av": ("av",),
     "usd-core": ("usd-core",),
+    "pysplashsurf": ("pysplashsurf",),
     "quadrants": ("quadrants",),
 }
 # What shows that a part can be used; Open3D's own system libraries may need help.

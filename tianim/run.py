@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from tianim.scene import Scene
     from tianim.simulation import Simulation
 
+# Threads of the simulation for each process that makes surfaces, each with one thread: so many that they
+# keep up with it, so few that it keeps most of the cores.
+THREADS_A_WORKER = 4
+
 
 class Progress(Protocol):
     """What is told while a run goes on."""
@@ -48,12 +52,12 @@ def simulate(
     """
     # Before anything of an earlier run goes: is there what is to be written, and can the formats hold it?
     plan = Plan(folder, scene.output.formats, scene.output, scene.fps)
-    plan.check_parts(part.name for part in plan.select(simulation.frame()).parts)
+    plan.check_start(simulation.frame())
     with alone(folder):
         claim(folder, scene, options)
         run = _begin(folder, scene, simulation, options)
         with _recorded(run):
-            _make_frames(run, scene, simulation, progress)
+            _make_frames(run, scene, simulation, surface_workers(options.threads), progress)
     return run
 
 
@@ -86,11 +90,18 @@ def _begin(folder: Path, scene: "Scene", simulation: "Simulation", options: RunO
     return run
 
 
-def _make_frames(run: Run, scene: "Scene", simulation: "Simulation", progress: Progress) -> None:
+def surface_workers(threads: int) -> int:
+    """Processes for surfaces beside a simulation that has so many threads."""
+    return max(1, threads // THREADS_A_WORKER)
+
+
+def _make_frames(
+    run: Run, scene: "Scene", simulation: "Simulation", workers: int, progress: Progress
+) -> None:
     kept = int(run.record["frames_done"]) - 1
     with (
         Interrupts(progress.stopping) as interrupts,
-        open_exporters(run.frames_folder, (), scene.output, scene.fps, kept + 1) as exporters,
+        open_exporters(run.frames_folder, (), scene.output, scene.fps, kept + 1, workers) as exporters,
         Metrics(run.metrics, kept) as metrics,
     ):
         progress.start(kept + 1, simulation.frame_count)

@@ -23,6 +23,7 @@ from pydantic import ValidationError
 
 from tianim import info
 from tianim.errors import SceneError
+from tianim.export import surfaces
 from tianim.export.files import write_text
 from tianim.export.formats import format_named
 from tianim.export.record import RunFrames
@@ -152,6 +153,8 @@ def claim(folder: Path, scene: "Scene", options: RunOptions) -> None:
     must_be_writable(folder)
     for name in scene.output.formats:
         format_named(name).load()
+    if scene.output.surfaces:
+        surfaces.require()
     if options.overwrite:
         return
     there = [name for name in OUTPUTS if (folder / name).exists()]

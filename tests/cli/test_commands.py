@@ -17,7 +17,8 @@ from tianim.errors import SceneError
 from tianim.scene import load_scene
 
 COMMANDS = (
-    "run", "list", "check", "schema", "export", "render", "view", "sweep", "bench", "validate", "info",
+    "run", "list", "check", "schema", "export", "surface", "foam", "render", "view", "sweep", "bench",
+    "validate", "info",
 )  # fmt: skip
 
 

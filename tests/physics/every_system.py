@@ -24,13 +24,16 @@ STEPS = 12
 class Example:
     """Parameters as a scene file has them, and the bounds around.
 
-    `count` is the field that says how many, or gives the fields for so many.
+    `count` is the field that says how many, or gives the fields for so many. `random` says whether the
+    seed matters, `flows` whether particles come and go.
     """
 
     params: Mapping[str, Any]
     bounds: Bounds = OPEN
     count: str | Callable[[int], Mapping[str, Any]] = "count"
     note: str = "minimal"
+    random: bool = True
+    flows: bool = False
 
     def sized(self, count: int) -> Mapping[str, Any]:
         """The parameters that make it so many particles."""
@@ -62,6 +65,47 @@ def _cluster(count: int) -> dict[str, Any]:
     return {"components": {"stars": {"kind": "plummer", "count": count, "mass": 1.0}} if count else {}}
 
 
+_SPACING = 0.05
+
+
+def _pool(*layers: int) -> dict[str, Any]:
+    """A block of so many layers of particles along each axis, thrown at a wall."""
+    upper = tuple(_SPACING * (n + 0.5) for n in (*layers, 1)[:3])
+    lower = (0.5 * _SPACING,) * 2 + ((0.5 * _SPACING if len(layers) == 3 else -_SPACING),)
+    return {"pool": {"kind": "box", "lower": lower, "upper": upper, "velocity": (-2.0, -1.0, 0.0)}}
+
+
+def _water(count: int) -> dict[str, Any]:
+    """About so many particles, exactly where they are none or one."""
+    side = max(round(count ** (1 / 3)), 1)
+    return _waiting(count) | ({"blocks": _pool(side, side, count // side**2)} if count else {"blocks": {}})
+
+
+def _flat_water(count: int) -> dict[str, Any]:
+    """The same in the plane."""
+    side = max(round(count ** (1 / 2)), 1)
+    return _waiting(count) | ({"blocks": _pool(side, count // side)} if count else {"blocks": {}})
+
+
+def _waiting(count: int) -> dict[str, Any]:
+    """No emitter but, where there is nothing else, one that has not begun."""
+    later = {"kind": "disc", "speed": 1.0, "start": 100.0, "end": 100.1}
+    return {"emitters": {} if count else {"later": later}}
+
+
+_LID = {"kind": "box", "lower": (0.025, 0.475, 0.025), "upper": (0.525, 0.675, 0.525)}
+_TANK = Bounds("contained", (0.0,) * 3, (10.0,) * 3)
+_HOSE: dict[str, Any] = {
+    "spacing": _SPACING,
+    "blocks": _pool(10, 9, 10),
+    "emitters": {
+        "hose": {
+            "kind": "disc", "position": (1.0, 2.0, 1.0), "direction": (-1.0, 0.0, 0.0), "radius": 0.2,
+            "speed": 8.0, "end": 1.0, "jitter": 0.1,
+        }
+    },
+    "sinks": {"drain": {"kind": "box", "lower": (0.0, 0.0, 0.0), "upper": (0.15, 0.15, 0.15)}},
+}  # fmt: skip
 _SOFT: dict[str, Any] = {"softening": {"length": 0.05}}
 _TENTH = {"kind": "fixed", "length": 0.1}
 EXAMPLES: dict[str, tuple[Example, ...]] = {
@@ -77,6 +121,39 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ),
     ),
     "couzin": (Example({"count": 1500, "start": {"kind": "ball", "radius": 15.0}}),),
+    "fluid": (
+        Example({"spacing": _SPACING, "blocks": _pool(10, 9, 10)}, _TANK, _water, random=False),
+        *(
+            Example({**_HOSE, "method": method}, _TANK, _water, f"hose and drain, {method}", flows=True)
+            for method in ("dfsph", "pbf", "wcsph")
+        ),
+        *(
+            Example(
+                {"method": method, "dimension": 2, "spacing": _SPACING, "blocks": _pool(40, 30)},
+                Bounds("periodic", (0.0,) * 3, (16.0, 16.0, 1.0)),
+                _flat_water,
+                f"periodic, in two dimensions, {method}",
+                random=False,
+            )
+            for method in ("dfsph", "pbf", "wcsph")
+        ),
+        # Solved for implicitly, drops that pull together, whirls kept going, walls that hold on.
+        Example(
+            {
+                "spacing": _SPACING,
+                "blocks": {**_pool(10, 9, 10), "lid": {**_LID, "phase": "oil"}},
+                "viscosity": 0.5,
+                "surface_tension": 0.5,
+                "vorticity": 0.05,
+                "walls": {"friction": 1.0},
+                "phases": {"oil": {"density": 800.0, "viscosity": 1e-3}},
+            },
+            _TANK,
+            _water,
+            "viscous, two phases",
+            random=False,
+        ),
+    ),
     "gravity": (
         Example({**_cluster(500), **_SOFT, "time_step": _TENTH}, count=_cluster),
         # Halves of steps are undone, a Runge-Kutta step and the external field have arrays of their own.

@@ -55,7 +55,7 @@ def test_steps_stay_finite(kind: str, example: Example) -> None:
 def test_the_same_seed_gives_the_same_bytes_and_another_other_ones(kind: str, example: Example) -> None:
     first = digest(run(make(kind, example)))
     assert digest(run(make(kind, example))) == first
-    assert digest(run(make(kind, example, seed=2))) != first
+    assert (digest(run(make(kind, example, seed=2))) != first) is example.random
 
 
 @pytest.fixture(scope="module")
@@ -142,12 +142,14 @@ def test_what_it_shows(kind: str, example: Example) -> None:
         if isinstance(part, Points):
             ids = part.data["id"]
             assert ids.dtype == np.int32
-            assert np.all(np.diff(ids) == 1)
-            np.testing.assert_array_equal(part.position, position[ids].astype(np.float32))
+            assert np.all(np.diff(ids) >= 1 if example.flows else np.diff(ids) == 1)
+            rows = np.searchsorted(system.read("id"), ids) if example.flows else ids
+            np.testing.assert_array_equal(part.position, position[rows].astype(np.float32))
             velocity = system.read("velocity").astype(np.float32)
-            np.testing.assert_array_equal(part.data["velocity"], velocity[ids])
+            np.testing.assert_array_equal(part.data["velocity"], velocity[rows])
             seen += count
-    assert seen == len(position) == system.params.particle_count()
+    assert seen == len(position)
+    assert example.flows or seen == system.params.particle_count()
 
 
 @every_example
@@ -158,7 +160,8 @@ def test_a_snapshot_is_a_copy(kind: str, example: Example) -> None:
     run(system, 2, first=2)
     for part, position in zip(before, kept, strict=True):
         np.testing.assert_array_equal(part.position, position)
-    assert any((a.position != b.position).any() for a, b in zip(before, system.snapshot(), strict=True))
+    pairs = zip(before, system.snapshot(), strict=True)
+    assert not all(np.array_equal(a.position, b.position) for a, b in pairs)
 
 
 @every_example
@@ -185,7 +188,7 @@ def test_arrays_are_read_and_set(kind: str, example: Example) -> None:
     assert "position" in system.arrays()
     for name in system.arrays():
         values = system.read(name)
-        assert len(values) == system.params.particle_count()
+        assert len(values) == len(system.read("position"))
         assert values.dtype in (np.float32, np.float64, np.int32)
         try:
             system.write(name, values)

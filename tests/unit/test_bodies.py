@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tianim.frame import Lines, Mesh
 from tianim.math.rotations import from_euler, rotate, rotate_back
 from tianim.params import Keyframes, Vector3
-from tianim.spatial.bodies import WIDTH, Bodies, BodyParams, Box, Capsule, Plane, Sphere
+from tianim.spatial.bodies import WIDTH, Bodies, BodyParams, Box, Capsule, Cylinder, Plane, Sphere
 
 # float32 has 24 bits: lengths of up to 10 m, through a rotation, are good to some 1e-6 m.
 LENGTH = 1e-5
@@ -37,6 +37,14 @@ def segment_distance(p: Floats, half: float) -> Floats:
     return np.asarray(np.linalg.norm(gap, axis=1))
 
 
+def cylinder_distance(p: Floats, radius: float, half: float) -> Floats:
+    """Nearest point of the cylinder outside, nearest side or end inside."""
+    across = np.hypot(p[:, 0], p[:, 2]) - radius
+    along = np.abs(p[:, 1]) - half
+    outside = np.hypot(np.maximum(across, 0.0), np.maximum(along, 0.0))
+    return np.asarray(outside + np.minimum(np.maximum(across, along), 0.0))
+
+
 def expected(body: BodyParams, x: Floats) -> Floats:
     p = rotate_back(from_euler(body.rotation), x - np.array(body.position))
     if isinstance(body, Plane):
@@ -45,6 +53,8 @@ def expected(body: BodyParams, x: Floats) -> Floats:
         return box_distance(p, 0.5 * np.array(body.size)) * (-1.0 if body.inside else 1.0)
     if isinstance(body, Sphere):
         return np.asarray((np.linalg.norm(p, axis=1) - body.radius) * (-1.0 if body.inside else 1.0))
+    if isinstance(body, Cylinder):
+        return cylinder_distance(p, body.radius, 0.5 * body.length) * (-1.0 if body.inside else 1.0)
     assert isinstance(body, Capsule)
     return segment_distance(p, 0.5 * body.length) - body.radius
 
@@ -56,6 +66,8 @@ BODIES: dict[str, BodyParams] = {
     "sphere": Sphere(radius=1.5, **POSE),
     "sphere container": Sphere(radius=3.5, inside=True, **POSE),
     "capsule": Capsule(radius=0.7, length=2.0, **POSE),
+    "cylinder": Cylinder(radius=0.8, length=3.0, **POSE),
+    "cylinder container": Cylinder(radius=2.5, length=6.0, inside=True, **POSE),
 }
 
 
@@ -93,14 +105,14 @@ def test_box_on_faces_edges_corners_and_centre() -> None:
     np.testing.assert_allclose(normal[5], np.ones(3) / np.sqrt(3), atol=LENGTH)
 
 
-@pytest.mark.parametrize("body", [Sphere(), Capsule(), Box()])
+@pytest.mark.parametrize("body", [Sphere(), Capsule(), Box(), Cylinder()])
 def test_centre_has_a_unit_normal(body: BodyParams) -> None:
     distance, normal, _ = Bodies({"b": body}).distance([[0.0, 0.0, 0.0]])
     assert distance[0] < 0.0
     assert np.linalg.norm(normal[0]) == pytest.approx(1.0, abs=LENGTH)
 
 
-@pytest.mark.parametrize("kind", [Sphere, Box])
+@pytest.mark.parametrize("kind", [Sphere, Box, Cylinder])
 def test_a_container_is_the_solid_with_the_other_sign(kind: type) -> None:
     x = points(500)
     solid, solid_normal, _ = Bodies({"b": kind(**POSE)}).distance(x)
@@ -191,7 +203,7 @@ def test_snapshot_lies_on_the_surface(name: str) -> None:
     assert part.units == {"velocity": "m/s"}
 
 
-@pytest.mark.parametrize("name", ["plane", "box", "sphere", "capsule"])
+@pytest.mark.parametrize("name", ["plane", "box", "sphere", "capsule", "cylinder"])
 def test_snapshot_triangles_face_outwards(name: str) -> None:
     bodies = Bodies({"b": BODIES[name]})
     (part,) = bodies.snapshot()
@@ -205,7 +217,12 @@ def test_snapshot_triangles_face_outwards(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "volume"),
-    [("box", 6.0), ("sphere", 4 / 3 * np.pi * 1.5**3), ("capsule", np.pi * 0.49 * 2 + 4 / 3 * np.pi * 0.343)],
+    [
+        ("box", 6.0),
+        ("sphere", 4 / 3 * np.pi * 1.5**3),
+        ("capsule", np.pi * 0.49 * 2 + 4 / 3 * np.pi * 0.343),
+        ("cylinder", np.pi * 0.64 * 3),
+    ],
 )
 def test_snapshot_is_closed(name: str, volume: float) -> None:
     (part,) = Bodies({"b": BODIES[name]}).snapshot()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from tianim.errors import SceneError
-from tianim.frame import Mesh
+from tianim.frame import Lines, Mesh
 from tianim.math.rotations import from_euler, rotate, rotate_back
 from tianim.spatial.bodies import Bodies, BodyParams, Box, MeshSequence, Sphere, TriangleMesh
 from tianim.spatial.distance_grid import MARGIN, grid_about, sample_distance
@@ -153,6 +153,34 @@ def test_an_open_mesh_is_refused_or_a_shell(tmp_path: Path) -> None:
         TriangleMesh(file=file, thickness=0.01)
     bodies = Bodies({"b": TriangleMesh(file=file, thickness=0.1, resolution=32)})
     assert bodies.distance([[0.0, 0.0, 0.0]])[0][0] == pytest.approx(0.4, abs=CREASE / 32)
+
+
+def test_a_mesh_container_is_the_solid_with_the_other_sign(tmp_path: Path) -> None:
+    file = saved(tmp_path, trimesh.creation.box((1.0, 2.0, 1.5)), "tank.ply")
+    x = np.random.default_rng(3).uniform(-1.5, 1.5, (500, 3))
+    solid, solid_normal, _ = Bodies({"b": TriangleMesh(file=file, resolution=16, **POSE)}).distance(x)
+    tank = Bodies({"b": TriangleMesh(file=file, resolution=16, inside=True, **POSE)})
+    distance, normal, _ = tank.distance(x)
+    np.testing.assert_array_equal(distance, -solid)
+    np.testing.assert_array_equal(normal, -solid_normal)
+    with pytest.raises(ValidationError, match="a shell has no inside"):
+        TriangleMesh(file=file, inside=True, thickness=0.3)
+
+
+def test_a_mesh_container_is_shown_by_its_edges_or_all_of_it(tmp_path: Path) -> None:
+    box = saved(tmp_path, trimesh.creation.box((1.0, 2.0, 1.5)), "tank.ply")
+    ball = saved(tmp_path, trimesh.creation.icosphere(subdivisions=3), "bowl.ply")
+    bodies = Bodies(
+        {"tank": TriangleMesh(file=box, inside=True), "bowl": TriangleMesh(file=ball, inside=True)}
+    )
+    tank, bowl = bodies.snapshot()
+    assert isinstance(tank, Lines)
+    assert isinstance(bowl, Lines)
+    # Twelve edges of a box, none of its diagonals; a smooth mesh has no creases: all of its edges.
+    ends = tank.position[tank.segments].astype(np.float64)
+    along = np.sort(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    np.testing.assert_allclose(along, np.repeat([1.0, 1.5, 2.0], 4), atol=1e-6)
+    assert len(bowl.segments) == 30 * 4**3
 
 
 def test_five_thousand_triangles_are_quick(tmp_path: Path) -> None:

@@ -5,10 +5,12 @@ import pytest
 
 from tianim.spatial.bodies import Bodies
 from tianim.spatial.body_overlap import overlap
-from tianim.spatial.body_params import BodyParams, Box, Capsule, Plane, Sphere
+from tianim.spatial.body_params import BodyParams, Box, Capsule, Cylinder, Plane, Sphere
 
 # Double precision through a rotation and a small least-squares solve.
 EXACT = 1e-9
+# With a cylinder the direction is searched for; the gap is flat there to the square of its error.
+SEARCHED = 1e-7
 ROOT = np.sqrt(2.0)
 
 
@@ -37,12 +39,38 @@ CASES: list[tuple[BodyParams, BodyParams, float]] = [
     (Plane(), Box(position=(0.0, 0.5, 0.0), rotation=(0.0, 0.0, 45.0)), ROOT / 2 - 0.5),
     (Plane(normal=(0.0, 2.0, 0.0)), Capsule(position=(0.0, 0.9, 0.0)), 0.1),
     (Plane(rotation=(0.0, 0.0, 90.0)), Sphere(position=(-0.5, 0.0, 0.0)), 0.5),
+    (Plane(), Cylinder(position=(0.0, 0.5, 0.0)), 0.0),
+    (Plane(), Cylinder(position=(0.0, 0.5, 0.0), rotation=(90.0, 0.0, 0.0)), 0.0),
+    (Plane(), Cylinder(position=(0.0, 0.5, 0.0), rotation=(0.0, 0.0, 45.0)), ROOT / 2 - 0.5),
+]
+
+CYLINDERS: list[tuple[BodyParams, BodyParams, float]] = [
+    (Cylinder(), Cylinder(position=(0.0, 0.9, 0.3)), 0.1),
+    (Cylinder(), Cylinder(position=(0.6, 0.0, 0.0)), 0.4),
+    (Cylinder(), Cylinder(position=(1.0, 0.0, 0.0)), 0.0),
+    (Cylinder(), Cylinder(position=(0.0, 1.0, 0.0)), 0.0),
+    # On its side: rim over end, parted along y.
+    (Cylinder(), Cylinder(position=(0.0, 0.9, 0.0), rotation=(90.0, 0.0, 0.0)), 0.1),
+    (Cylinder(), Sphere(radius=0.5, position=(0.9, 0.2, 0.0)), 0.1),
+    # The sphere's centre is off the rim: as far apart as the rim is.
+    (Cylinder(), Sphere(radius=0.5, position=(0.5 + 0.3, 0.5 + 0.3, 0.0)), 0.5 - 0.3 * ROOT),
+    (Cylinder(), Sphere(radius=0.4, position=(0.5 + 0.3, 0.5 + 0.3, 0.0)), 0.0),
+    (Box(), Cylinder(position=(0.8, 0.3, 0.0)), 0.2),
+    # An edge of the box towards the cylinder's side.
+    (Box(rotation=(0.0, 45.0, 0.0)), Cylinder(position=(1.0, 0.0, 0.0)), ROOT / 2 - 0.5),
+    (Cylinder(length=4.0), Capsule(position=(0.9, 0.3, 0.0), rotation=(90.0, 0.0, 0.0)), 0.1),
 ]
 
 
 @pytest.mark.parametrize(("a", "b", "depth"), CASES)
 def test_depth(a: BodyParams, b: BodyParams, depth: float) -> None:
     assert overlap(a, b) == pytest.approx(depth, abs=EXACT)
+
+
+@pytest.mark.parametrize(("a", "b", "depth"), CYLINDERS)
+def test_depth_of_cylinders(a: BodyParams, b: BodyParams, depth: float) -> None:
+    assert overlap(a, b) == pytest.approx(depth, abs=SEARCHED)
+    assert overlap(b, a) == pytest.approx(depth, abs=SEARCHED)
     assert overlap(b, a) == pytest.approx(depth, abs=EXACT)
 
 

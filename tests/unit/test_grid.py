@@ -38,6 +38,12 @@ def columns_of(position: Positions) -> Columns:
     return columns
 
 
+def columns_with_room(position: Positions) -> Columns:
+    columns = Columns(0, {"position": 3}, room=50)
+    columns.append(len(position), {"position": position})
+    return columns
+
+
 def pairs_of(lists: NeighborLists, columns: Columns) -> Pairs:
     """Ordered pairs of ids in the rows, (m, 2), sorted; fails where a row holds a pair twice."""
     offset = lists.offset.to_numpy()
@@ -440,18 +446,17 @@ def test_pairs_follow_particles_that_come_and_go(kind: str) -> None:
 
 
 def test_lists_notice_an_exchange_of_particles() -> None:
-    """One gone and one come: the number is the same, the places are not."""
-    columns = Columns(0, {"position": 3}, room=50)
-    columns.append(40, {"position": scattered(40, 0.0, 3.0, 3)})
+    """One gone and another come in its place: neither number nor places tell."""
+    columns = columns_with_room(scattered(40, 0.0, 3.0, 3))
     lists = NeighborLists(50, 3, OPEN, 1.0, 0.1)
     lists.build(columns)
+    last = columns.state()["position"][:, -1]
     columns.remove(np.array([1] * 39 + [0], np.int32))
-    columns.append(1, {"position": np.array([[5.0, 5.0, 5.0]])})
+    columns.append(1, {"position": last[None]})
     assert lists.needs_rebuild(columns)
 
 
 def test_a_grid_refuses_more_than_it_has_room_for() -> None:
-    columns = Columns(0, {"position": 3}, room=50)
-    columns.append(11, {})
+    columns = columns_with_room(scattered(11, 0.0, 3.0, 3))
     with pytest.raises(ValueError, match="11 particles in a grid for 10"):
         NeighborGrid(10, 3, OPEN, 1.0).sort(columns)

@@ -14,8 +14,15 @@ from tianim.errors import SceneError
 from tianim.scene.fields import nearest
 
 SCENE_SUFFIXES = (".yaml", ".yml", ".toml", ".json")
+# Of the double dam break: larger sizes take hours for a second and are measured over a tenth of it.
+LARGEST_WHOLE, WHOLE, PART = 200_000, 1.0, 0.1  # [s]
 # A periodic box must be three radii wide: with 20 neighbours in a radius it then holds so many.
 SMALLEST_FLOCK = {2: 100, 3: 200}
+
+
+def fluid_span(n: int) -> float:
+    """Simulated time [s] over which the double dam break of about n particles is measured."""
+    return WHOLE if n <= LARGEST_WHOLE else PART
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,7 @@ class Case:
     smallest  least n by dimension, for which the case makes sense
     compared  whether the variants are compared with the first of them
     sized     whether it takes sizes; a scene has its own
+    rounds    how often it is measured, in turns with the peers; None: as usual
     """
 
     name: str
@@ -58,6 +66,7 @@ class Case:
     smallest: Mapping[int, int] = field(default_factory=dict)
     compared: bool = False
     sized: bool = True
+    rounds: int | None = None
 
     def tasks(self, sizes: list[int] | None, threads: int | None) -> list[Task]:
         """What to measure, smallest first. SceneError where a size is too small."""
@@ -109,6 +118,14 @@ _ALL = (
         "gravity:Forces",
         (10_000, 100_000, 1_000_000),
         smallest={3: 2},
+    ),
+    Case(
+        "fluid",
+        "a double dam break over a second: wall time of a simulated second, and density errors",
+        "fluid:DoubleDam",
+        (30_000, 100_000, 500_000),
+        smallest={3: 200},
+        rounds=1,
     ),
     Case(
         "export",

@@ -15,6 +15,9 @@ class Round:
     least_ms wall time of the quickest
     split_ms shares of the mean, by pass
     error    of the result, where one is measured: "median" and "p99"
+    simulated_s  simulated time that all steps cover, where that is what counts: then what is compared
+             with peers is the wall time of a simulated second
+    counts   of what a step needed: "iterations"
     """
 
     steps: int
@@ -22,6 +25,13 @@ class Round:
     least_ms: float
     split_ms: Mapping[str, float] = field(default_factory=dict)
     error: Mapping[str, float] = field(default_factory=dict)
+    simulated_s: float = 0.0
+    counts: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def cost(self) -> float:
+        """What is compared: ms a simulated second where time is simulated, else ms a step."""
+        return self.mean_ms * (self.steps / self.simulated_s if self.simulated_s else 1.0)
 
 
 @dataclass(frozen=True)
@@ -33,7 +43,9 @@ class Line:
     ms_per_step       median over the rounds of a round's mean; a step, a frame or a start
     ms_min            the quickest of all
     split_ms          medians of the passes
-    ratio             ours over each peer's ms_per_step; below 1 we are faster
+    ratio             ours over each peer's ms_per_step, or ms per simulated second; below 1 we are faster
+    simulated_per_wall  simulated seconds a second of wall time, None where a step is what counts
+    counts            of what a step needed on average: "iterations"
     overhead_percent  over the first variant of the case, where the case compares variants
     peak_memory_mb    of the whole process, interpreter and compiler included
     bytes_per_item    of the arrays allocated, stored lists and scratch included
@@ -57,6 +69,8 @@ class Line:
     peak_memory_mb: float | None
     bytes_per_item: float | None
     error: Mapping[str, float]
+    simulated_per_wall: float | None
+    counts: Mapping[str, float]
     steps: int
     rounds: int
 
@@ -79,4 +93,6 @@ def summary(rounds: Sequence[Round]) -> Round:
         min(one.least_ms for one in rounds),
         {name: median(one.split_ms[name] for one in rounds) for name in rounds[0].split_ms},
         rounds[0].error,
+        rounds[0].simulated_s,
+        rounds[0].counts,
     )

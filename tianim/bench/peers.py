@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tianim.bench.cases import fluid_span
 from tianim.bench.lines import Round
 
 LONGEST = 600.0  # s a run
@@ -25,6 +26,10 @@ NUMBA_THREADS = 2
 # Codes of the script, how they are made, and for how many stars they are asked.
 GRAVITY_CODES = (("pytreegrav", "numba", 1 << 31), ("rebound", "C", 1 << 31), ("direct", "numba", 200_000))
 LONGEST_FORCES = 1800.0  # s
+LONGEST_FLUID = 1800.0  # s
+FLUID_THREADS = 2
+# Cells along a side of the peer's map of the walls, at so many particles.
+WALL_CELLS, WALL_PARTICLES = 25, 30_000
 # A step of the array programs takes seconds at a million, and is no rival there.
 LARGEST_ARRAYS = 100_000
 ARRAY_STEPS = 5
@@ -110,7 +115,7 @@ def _read_forces(peer: Peer, lines: list[str]) -> list[Found]:
 
 def find_peers(case: str, folder: Path, work: Path) -> list[Peer]:
     """The peers of a case that can run here; programs are compiled into `work`."""
-    if case not in ("boids", "boids_topological", "gravity"):
+    if case not in ("boids", "boids_topological", "fluid", "gravity"):
         note(f"no peers for the case {case}")
         return []
     if not folder.is_dir():
@@ -118,6 +123,8 @@ def find_peers(case: str, folder: Path, work: Path) -> list[Peer]:
         return []
     if case == "gravity":
         return _gravity_peers(folder / "gravity" / "run_gravity.py")
+    if case == "fluid":
+        return _fluid_peers(folder / "fluid" / "run_splish.py")
     source, script = folder / "boids" / "boids_cpp.cc", folder / "boids" / "boids_python.py"
     if case == "boids_topological":
         return _array_peers(script, ("knn7",))
@@ -184,15 +191,57 @@ def _gravity_peers(script: Path) -> list[Peer]:
     return [peer(*one) for one in GRAVITY_CODES]
 
 
-def _python() -> str | None:
-    """A Python that has numba and scipy: the one named in the environment, the peers' own, this one."""
+def _read_second(peer: Peer, lines: list[str]) -> list[Found]:
+    """One line for the whole span; densities are those of its end."""
+    values = json.loads(lines[-1])
+    steps = int(values["steps"])
+    rest = 1000.0
+    one = Round(
+        steps, float(values["ms_per_step"]), float(values["ms_per_step"]),
+        error={"end_p99": float(values["rho_p99"]) / rest - 1.0},
+        simulated_s=float(values["sim_s"]),
+        counts={"iterations": sum(v for k, v in values["counts"].items() if "iterations" in k)},
+    )  # fmt: skip
+    return [
+        Found(
+            f"{values['engine'].split()[0]} {values['method']}", one, peer.compiler, values["method"].lower()
+        )
+    ]
+
+
+def _fluid_peers(script: Path) -> list[Peer]:
+    """SPlisHSPlasH with both methods; its map of the walls gets finer with the particles."""
+    python = _python("pysplishsplash")
+    if not script.is_file() or python is None:
+        note(
+            f"{f'no {script}' if python else f'no Python with pysplishsplash ({PYTHON_VARIABLE})'}: left out"
+        )
+        return []
+
+    def peer(method: str, *options: str) -> Peer:
+        def command(n: int, dim: int, steps: int) -> list[str]:
+            span, cells = fluid_span(n), round(WALL_CELLS * (n / WALL_PARTICLES) ** (1.0 / 3.0))
+            return [
+                python, str(script), str(n), method, "--stop", str(span), "--mapres", str(cells),
+                "--wall", str(LONGEST_FLUID), "--threads", str(FLUID_THREADS), *options,
+            ]  # fmt: skip
+
+        return Peer(command, "C++", FLUID_THREADS, once=True, read=_read_second, longest=1.2 * LONGEST_FLUID)
+
+    return [peer("DFSPH"), peer("PBF", "--dt", "0.0025", "--boundary", "0")]
+
+
+def _python(needs: str = "numba") -> str | None:
+    """A Python that has SciPy and what is needed: the one named in the environment, the peers', this one."""
     named = os.environ.get(PYTHON_VARIABLE)
     for candidate in (
         [named] if named else [Path(PYTHON_FOLDER).expanduser() / "bin" / "python", sys.executable]
     ):
         try:
             tried = subprocess.run(
-                [str(candidate), "-c", "import numba, scipy"], capture_output=True, check=False
+                [str(candidate), "-c", f"import scipy, importlib.util as u; assert u.find_spec({needs!r})"],
+                capture_output=True,
+                check=False,
             )
         except OSError:
             continue

@@ -70,16 +70,17 @@ def _measure(case: Case, task: Task, peers: list[Peer]) -> list[Line]:
     ours: Measured = {}
     theirs: Theirs = {}
     waiting = [peer for peer in peers if task.n <= peer.largest]
+    most = case.rounds or ROUNDS
     with worker(task) as process:
         threads = int(process.about["threads"])
         seconds, rounds = 0.0, 0
-        while rounds < ROUNDS or (seconds < LEAST_SECONDS and rounds < MOST_ROUNDS):
+        while rounds < most or (seconds < LEAST_SECONDS and rounds < MOST_ROUNDS):
             for variant, one in process.round().items():
                 ours.setdefault(variant, []).append(one)
                 seconds += 1e-3 * one.steps * one.mean_ms
             steps = next(iter(ours.values()))[-1].steps
             for peer in list(waiting):
-                if rounds >= ROUNDS or not _run_peer(peer, task, steps, threads, theirs) or peer.once:
+                if rounds >= most or not _run_peer(peer, task, steps, threads, theirs) or peer.once:
                     waiting.remove(peer)
             rounds += 1
         return [*_our_lines(case, process, ours, theirs), *_their_lines(task, threads, theirs)]
@@ -100,7 +101,7 @@ def _our_lines(case: Case, process: Worker, ours: Measured, theirs: Theirs) -> l
     about, end = process.about, process.end()
     results = {variant: summary(rounds) for variant, rounds in ours.items()}
     first = next(iter(results.values()))
-    peers = {key: summary(rounds).mean_ms for key, (_, rounds) in theirs.items()}
+    peers = {key: summary(rounds).cost for key, (_, rounds) in theirs.items()}
     return [
         Line(
             case=case.name,
@@ -113,8 +114,8 @@ def _our_lines(case: Case, process: Worker, ours: Measured, theirs: Theirs) -> l
             ms_per_step=one.mean_ms,
             ns_per_item_step=1e6 * one.mean_ms / max(about["n"], 1),
             ratio={
-                name: one.mean_ms / mean
-                for (of, name), mean in peers.items()
+                name: one.cost / cost
+                for (of, name), cost in peers.items()
                 if of in ("", variant.split(",")[0])
             },
             split_ms=one.split_ms,
@@ -123,6 +124,8 @@ def _our_lines(case: Case, process: Worker, ours: Measured, theirs: Theirs) -> l
             peak_memory_mb=end["peak_memory_mb"],
             bytes_per_item=end["bytes_per_item"],
             error=one.error,
+            simulated_per_wall=1e3 / one.cost if one.simulated_s else None,
+            counts=one.counts,
             steps=one.steps,
             rounds=len(ours[variant]),
         )
@@ -152,6 +155,8 @@ def _their_lines(task: Task, threads: int, theirs: Theirs) -> list[Line]:
                 peak_memory_mb=None,
                 bytes_per_item=None,
                 error=one.error,
+                simulated_per_wall=1e3 / one.cost if one.simulated_s else None,
+                counts=one.counts,
                 steps=one.steps,
                 rounds=len(rounds),
             )

@@ -11,6 +11,7 @@ import typer
 
 from tianim import __version__
 from tianim.cli.measures import bench, info, validate
+from tianim.cli.passes import foam, surface
 from tianim.cli.results import export, render, view
 from tianim.cli.runs import run, sweep
 from tianim.cli.scenes import check, list_scenes, schema
@@ -56,6 +57,8 @@ _add(
     "then let a scene begin with: # yaml-language-server: $schema=scene.schema.json",
 )
 _add("export", export, "tianim export out/murmuration --format usd --up z", "tianim export --formats")
+_add("surface", surface, "tianim surface out/dam_break --of water cube_size=0.5 --format ply")
+_add("foam", foam, "tianim foam out/dam_break speed=[0.5,2] lifetime=[1,3]")
 _add("render", render, "tianim render out/murmuration camera.azimuth=60 background=night")
 _add("view", view, "tianim view out/murmuration")
 _add("sweep", sweep, "tianim sweep vicsek vicsek.noise=0.1,0.2,0.4 seed=1,2,3 --jobs 2")

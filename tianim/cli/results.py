@@ -95,14 +95,14 @@ def draw(done: "Run", overrides: Sequence[str], out: Path | None, quiet: bool) -
     """Draw a run; the runtime must have been started. What was chosen or left out is said."""
     from tianim.export.files import make_folder
     from tianim.view.render import render_run
+    from tianim.view.tank import with_tank
 
     look = _look(done, overrides)
     make_folder(out or done.folder)
+    frames = with_tank(done.frames(), done.record["scene"]["bounds"])
     say_so = (lambda line: None) if quiet else note
     with Bar("drawing", quiet) as bar:
-        render_run(
-            done.frames(), look, out or done.folder, done.record["fps"], done.metrics, bar.so_far, say_so
-        )
+        render_run(frames, look, out or done.folder, done.record["fps"], done.metrics, bar.so_far, say_so)
 
 
 def _look(done: "Run", overrides: Sequence[str]) -> "Look":

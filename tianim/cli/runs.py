@@ -85,9 +85,12 @@ def _simulate(folder: Path, scene: "Scene", options: "RunOptions", quiet: bool) 
     started = runtime.start(options.arch, options.threads or None)  # type: ignore[arg-type]
     simulation = build(scene)
     if scene.view.parts:  # a style for what is not there must not come to light after the run
+        from tianim.export.surfaces import promise
         from tianim.view.painter import check_look
+        from tianim.view.tank import add_edges, tank_of
 
-        check_look(simulation.frame(), scene.view)
+        frame = promise(simulation.frame(), scene.output.surfaces)
+        check_look(add_edges(frame, tank_of(frame, scene.bounds.model_dump())), scene.view)
     with Bar(folder.name, quiet) as bar:
         return simulate(folder, scene, simulation, replace(options, threads=started.threads), bar)
 

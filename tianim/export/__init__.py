@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from tianim.export.exporters import export_run
 from tianim.export.formats import FORMATS, Format, Stamp, format_named
-from tianim.export.options import OutputOptions
+from tianim.export.options import OutputOptions, SurfaceOptions
+from tianim.export.passes import add_parts, surface_run
 from tianim.export.record import RunFrames
 from tianim.export.vtu import read_vtu
 from tianim.export.writer import FrameWriter, open_exporters
@@ -26,11 +27,14 @@ __all__ = [
     "OutputOptions",
     "RunFrames",
     "Stamp",
+    "SurfaceOptions",
+    "add_parts",
     "export_run",
     "format_named",
     "formats_table",
     "open_exporters",
     "read_vtu",
+    "surface_run",
 ]
 
 

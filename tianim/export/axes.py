@@ -52,7 +52,9 @@ class Axes:
             "position": convert("position", part.position),
             "data": {name: convert(name, values) for name, values in part.data.items()},
         }
-        if not isinstance(part, Points):
+        if isinstance(part, Points):
+            changes["spacing"] = part.spacing / self.scale if undo else part.spacing * self.scale
+        else:
             changes["cell_data"] = {name: convert(name, values) for name, values in part.cell_data.items()}
         return replace(part, **changes)  # type: ignore[arg-type]
 

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import overload
 
 from tianim.errors import FormatError
-from tianim.export.files import FolderLock, make_folder, release_files
-from tianim.export.formats import Format, RunInfo, Stamp, format_named
+from tianim.export import surfaces
+from tianim.export.files import FolderLock, make_folder, os_errors, release_files
+from tianim.export.formats import FORMATS, Format, RunInfo, Stamp, format_named
 from tianim.export.options import OutputOptions
 from tianim.export.parts import cell_data_of, check_frame
 from tianim.export.record import RunFrames
-from tianim.export.series import Series, drop_from, frame_name
+from tianim.export.series import Series, drop_from, frame_files, frame_name
+from tianim.export.surfaces import Surface, with_surfaces
+from tianim.export.tables import Table
 from tianim.export.vtu import write_part
 from tianim.frame import Array, Frame, Part, Points
 
@@ -26,7 +29,7 @@ class Plan:
     """What to write where; plain values, so that it can travel to the writer process.
 
     `formats` are names besides the record; `resume_from` is the index of the first frame that
-    will be written: those from it on are removed, those before it stay.
+    will be written: those from it on are removed, those before it stay. `workers` make surfaces.
     """
 
     folder: Path
@@ -35,6 +38,7 @@ class Plan:
     fps: float
     resume_from: int = 0
     record: bool = True
+    workers: int = 1
 
     @property
     def tables(self) -> list[Format]:
@@ -49,11 +53,18 @@ class Plan:
     def select(self, frame: Frame) -> Frame:
         """The frame with the data arrays that the options ask for; FormatError where it cannot be written."""
         check_frame(frame)
-        frame = _with_fields(frame, self.options.fields)
+        frame = _with_fields(frame, self.options)
         for part in self.chosen(frame):
             for format_ in self.tables:
                 format_.refuse_others(part)
         return frame
+
+    def check_start(self, frame: Frame) -> None:
+        """FormatError where the options name what the first frame does not have, or cannot be written."""
+        frame = self.select(frame)
+        surfaces.check(frame, self.options.surfaces)
+        whole = self.select(surfaces.promise(frame, self.options.surfaces))
+        self.check_parts(part.name for part in whole.parts)
 
     def check_parts(self, names: Iterable[str]) -> None:
         """FormatError where `output.parts` names one that is not among `names`."""
@@ -90,6 +101,7 @@ class Exporters:
         self.plan = plan
         self._writers = [(one, one.load()) for one in plan.tables if not one.whole_run]
         self._series: dict[str, Series] = {}
+        self._tables: dict[str, Table] = {}
         self._lock = FolderLock(plan.folder) if plan.record else None
         if plan.record:
             suffixes = {".vtu", *(suffix for one, _ in self._writers for suffix in one.suffixes)}
@@ -110,6 +122,30 @@ class Exporters:
             for format_, module in self._writers:
                 path = plan.folder / frame_name(part.name, number, format_.suffix)
                 module.write_part(path, converted[part.name], stamp)
+
+    def write_with(self, frame: Frame, made: Sequence[Surface]) -> None:
+        """Write one frame and the surfaces made of it, and their rows."""
+        self.write(with_surfaces(frame, made))
+        for one in made:
+            self.add_row(one.mesh.name, frame, one.row)
+
+    def add_row(self, name: str, frame: Frame, row: Mapping[str, float]) -> None:
+        """Put the numbers of `frame` into the table called `name`; those from before are kept."""
+        if name not in self._tables:
+            self._tables[name] = Table(self.plan.folder, name)
+            self._tables[name].load(self.plan.resume_from)
+        self._tables[name].add(frame.index, frame.time, row)
+
+    def drop(self, name: str) -> None:
+        """Remove all that there is of a part, in every format: it is made anew."""
+        folder = self.plan.folder
+        for suffix in {suffix for one in FORMATS.values() for suffix in one.suffixes}:
+            for path in frame_files(folder, name, suffix).values():
+                with os_errors(path):
+                    path.unlink()
+        Table(folder, name).remove()
+        self._series[name] = Series(folder, name)
+        self._series[name].save()
 
     def finish(self) -> None:
         """Write the files of the whole run, from the record."""
@@ -152,11 +188,16 @@ class _Converted(Sequence[Frame]):
         return replace(frame, parts=tuple(axes.apply(part) for part in self._plan.chosen(frame)))
 
 
-def _with_fields(frame: Frame, wanted: tuple[str, ...] | str) -> Frame:
-    """The frame with only the data arrays called so; FormatError where no part has one of them."""
+def _with_fields(frame: Frame, options: OutputOptions) -> Frame:
+    """The frame with only the data arrays that `options.fields` names; FormatError where no part has one.
+
+    Surfaces keep what they were made with, which their own options say.
+    """
+    wanted = options.fields
     if wanted == "all":
         return frame
     there = {name for part in frame.parts for name in (*part.data, *cell_data_of(part))}
+    there |= {name for one in surfaces.placeholders(options.surfaces) for name in one.data}
     missing = [name for name in wanted if name not in there]
     if missing and any(len(part.position) for part in frame.parts):
         raise FormatError(
@@ -169,7 +210,9 @@ def _with_fields(frame: Frame, wanted: tuple[str, ...] | str) -> Frame:
     return replace(
         frame,
         parts=tuple(
-            replace(part, data=keep(part.data))
+            part
+            if part.name in options.surfaces
+            else replace(part, data=keep(part.data))
             if isinstance(part, Points)
             else replace(part, data=keep(part.data), cell_data=keep(part.cell_data))
             for part in frame.parts

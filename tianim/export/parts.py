@@ -51,10 +51,11 @@ def make_part(
     data: Mapping[str, Array],
     cell_data: Mapping[str, Array],
     units: Mapping[str, str],
+    spacing: float = 0.0,
 ) -> Part:
-    """The part of that kind with these arrays."""
+    """The part of that kind with these arrays; only a point cloud has a spacing."""
     if kind == "points":
-        return Points(name, position, data, units)  # type: ignore[arg-type]
+        return Points(name, position, data, units, spacing)  # type: ignore[arg-type]
     maker = Mesh if kind == "triangles" else Lines
     return maker(name, position, cells, data, cell_data, units)  # type: ignore[arg-type]
 

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import overload
@@ -16,16 +16,17 @@ from tianim.frame import Frame
 class RunFrames(Sequence[Frame]):
     """The frames that a run wrote, in internal axes; each is read when it is asked for.
 
-    `folder` is the run's, or its `frames` folder. Diagnostics are not kept here (metrics.csv
-    has them). OutputError where there is no record, or a file of it is damaged.
+    `folder` is the run's, or its `frames` folder. With `parts`, frames have those alone. Diagnostics
+    are not kept here (metrics.csv has them). OutputError where there is no record, or a file of it
+    is damaged.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, parts: Collection[str] | None = None) -> None:
         inner = folder / "frames"
         self.folder = inner if inner.is_dir() else folder
         if not self.folder.is_dir():
             raise OutputError(f"{folder}: no such folder")
-        self.parts = tuple(parts_in(self.folder))
+        self.parts = tuple(name for name in parts_in(self.folder) if parts is None or name in parts)
         self._files: dict[int, list[Path]] = {}
         self._times: dict[int, float] = {}
         for part in self.parts:

@@ -26,7 +26,7 @@ from tianim.export.axes import Axes, UpAxis
 from tianim.export.files import Chunk, whole_file, write_chunks
 from tianim.export.formats import Stamp
 from tianim.export.parts import KINDS, cell_data_of, cells_of, kind_of, make_part
-from tianim.frame import Array, Part
+from tianim.frame import Array, Part, Points
 
 CELL_TYPES = {"points": 1, "lines": 3, "triangles": 5}
 VTK_NAMES = {
@@ -162,20 +162,22 @@ def _header(part: Part, stamp: Stamp, sections: dict[str, list[_Column]]) -> str
     return (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<UnstructuredGrid>\n{_field_data(kind_of(part), stamp)}"
+        f"<UnstructuredGrid>\n{_field_data(part, stamp)}"
         f'<Piece NumberOfPoints="{len(part.position)}" NumberOfCells="{len(sections["Cells"][-1].values)}">\n'
         f"{''.join(body)}</Piece>\n</UnstructuredGrid>\n{APPENDED.decode()}"
     )
 
 
-def _field_data(kind: str, stamp: Stamp) -> str:
+def _field_data(part: Part, stamp: Stamp) -> str:
     values = {
         "TimeValue": ("Float64", repr(float(stamp.time))),
         "frame": ("Int64", str(stamp.index)),
-        "cell_type": ("UInt8", str(CELL_TYPES[kind])),
+        "cell_type": ("UInt8", str(CELL_TYPES[kind_of(part)])),
         "up_axis": ("UInt8", str("xyz".index(stamp.axes.up))),
         "scale": ("Float64", repr(stamp.axes.scale)),
     }
+    if isinstance(part, Points) and part.spacing:
+        values["spacing"] = ("Float64", repr(float(part.spacing)))
     lines = (
         f'<DataArray type="{type_}" Name="{name}" NumberOfTuples="1" format="ascii">{text}</DataArray>\n'
         for name, (type_, text) in values.items()
@@ -200,6 +202,11 @@ class _Header:
         return Stamp(
             int(self._field("frame")), float(self._field("TimeValue")), Axes(up, float(self._field("scale")))
         )
+
+    @property
+    def spacing(self) -> float:
+        """Of the particles; 0 where the file has none."""
+        return float(self.root.findtext(".//FieldData/DataArray[@Name='spacing']") or 0.0)
 
     def _field(self, name: str) -> str:
         return self._find(f".//FieldData/DataArray[@Name='{name}']").text or ""
@@ -273,6 +280,7 @@ def read_vtu(path: Path, name: str | None = None) -> Part:
             header.read(file, "PointData"),
             header.read(file, "CellData"),
             header.units(),
+            header.spacing,
         )
         return header.stamp.axes.undo(part)
 

@@ -5,34 +5,32 @@ a spawned process, which sees their arrays in shared memory and writes them whil
 goes on; with two under way the simulation waits, so memory stays bounded. Small frames are written
 at once where they are: a process takes 0.3 s to start.
 
-The process is started afresh (no fork, no import of the user's script), never loads the
-compiler, ignores Ctrl-C, and ends when this one does: its end of the link closes then.
+Surfaces of particles are made there too, by workers of its own (`workers`): more frames may then be
+under way, as many more as there are workers.
+
 An error comes back as OutputError at the next `write`, `wait` or at the end.
 """
 
 import mmap
-import os
-import pickle
-import signal
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import count
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 
-from tianim import errors
 from tianim.buffers import Buffer
-from tianim.errors import OutputError, TianimError
+from tianim.errors import TianimError
+from tianim.export import surfaces
 from tianim.export.exporters import Exporters, Plan, plan_output
 from tianim.export.options import OutputOptions
 from tianim.export.parts import byte_count
+from tianim.export.processes import ended, error_of, failure_of, own_link, send, start
 from tianim.export.shared import Parcel, map_memory, pack, unpack
+from tianim.export.workers import SurfaceWorkers
 from tianim.frame import Frame
 
 # Frames of this many bytes go to the process: below, writing takes 2 ms.
@@ -55,6 +53,8 @@ class FrameWriter:
         self._begun = self._ended = False
         is_text = any(one.is_text for one in plan.tables)
         self._large = LARGE_FRAME // TEXT_COST if is_text else LARGE_FRAME
+        if plan.options.surfaces:
+            self._large = 0
 
     def write(self, frame: Frame) -> None:
         """Write `frame`, or hand it over to be written; arrays handed over become read-only.
@@ -64,7 +64,7 @@ class FrameWriter:
         """
         frame = self._plan.select(frame)
         if not self._begun:
-            self._plan.check_parts(part.name for part in frame.parts)
+            self._plan.check_start(frame)
             self._begun = True
         if self._remote is None and sum(map(byte_count, frame.parts)) >= self._large:
             self._local.release()
@@ -99,17 +99,25 @@ class FrameWriter:
 
 @contextmanager
 def open_exporters(
-    folder: Path, formats: Sequence[str], options: OutputOptions, fps: float, resume_from: int = 0
+    folder: Path,
+    formats: Sequence[str],
+    options: OutputOptions,
+    fps: float,
+    resume_from: int = 0,
+    workers: int = 1,
 ) -> Iterator[FrameWriter]:
     """Write a run's frames into `folder`: the VTU record always, `formats` and the options' beside it.
 
     `resume_from` is the index of the first frame that will be written; what `folder` has from
-    it on is removed. The formats with one file for a whole run are written when the block ends
-    well and has not called `abandon`.
+    it on is removed. `workers` processes make the options' surfaces. The formats with one file for a
+    whole run are written when the block ends well and has not called `abandon`.
 
     Raises FormatError, MissingPartError or OutputError before the first frame.
     """
-    writer = FrameWriter(plan_output(folder, (*options.formats, *formats), options, fps, resume_from))
+    if options.surfaces:
+        surfaces.require()
+    plan = plan_output(folder, (*options.formats, *formats), options, fps, resume_from)
+    writer = FrameWriter(replace(plan, workers=workers))
     try:
         yield writer
         writer.close()
@@ -135,21 +143,8 @@ class _Remote:
     """The writer process, seen from the simulation."""
 
     def __init__(self, plan: Plan) -> None:
-        self._link, theirs = Pipe()
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", "from tianim.export.writer import serve; serve()", str(theirs.fileno())],
-            pass_fds=(theirs.fileno(),),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            env={
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
-                "PYTHONSAFEPATH": "1",
-            },
-            # Out of reach of the terminal's Ctrl-C, which this process handles.
-            start_new_session=True,
-        )
-        theirs.close()
+        self._process, self._link = start(f"{__name__}:serve")
+        self._slots = SLOTS + (plan.workers if plan.options.surfaces else 0)
         self._under_way: deque[Parcel] = deque()
         # The buffers that the process has mapped; to map one anew costs as much as to write it.
         self._mapped: dict[Buffer, int] = {}
@@ -158,7 +153,7 @@ class _Remote:
         self._send(plan)
 
     def write(self, frame: Frame) -> None:
-        while self._link.poll() or len(self._under_way) >= SLOTS:
+        while self._link.poll() or len(self._under_way) >= self._slots:
             self._receive()
         parcel = pack(frame)
         gone = [self._mapped.pop(buffer) for buffer in list(self._mapped) if buffer.closed]
@@ -206,7 +201,7 @@ class _Remote:
     def _send(self, message: object) -> None:
         self._raise_failure()
         with self._lost_link():
-            _send(self._link, message)
+            send(self._link, message)
 
     @contextmanager
     def _lost_link(self) -> Iterator[None]:
@@ -222,16 +217,10 @@ class _Remote:
         try:
             written, failure = self._link.recv()
         except (EOFError, OSError) as error:
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(1.0)
-            code = self._process.returncode
-            self._failure = OutputError(
-                f"the process that writes frames ended (exit code {code}); was memory short?"
-            )
+            self._failure = ended(self._process, "writes frames")
             raise self._failure from error
         if failure:
-            kind, text = failure
-            self._failure = getattr(errors, kind)(text)
+            self._failure = error_of(failure)
         elif written:
             self._under_way.popleft()
         self._raise_failure()
@@ -241,36 +230,48 @@ class _Remote:
             raise self._failure
 
 
-def _send(link: Connection, message: object) -> None:
-    """What `link.send` does, with bytes: its view of a buffer raises once more when a send has failed."""
-    link.send_bytes(pickle.dumps(message))
-
-
 def serve() -> None:
     """The writer process: takes frames from the link until it closes or one cannot be written."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with Connection(int(sys.argv[1])) as link, suppress(EOFError, ConnectionError):
+    with own_link() as link:
         try:
             _serve_frames(link)
         except (EOFError, ConnectionError):
             raise
-        except TianimError as error:
-            _send(link, (False, (type(error).__name__, str(error))))
         except Exception as error:
-            _send(link, (False, ("OutputError", f"writing failed: {type(error).__name__}: {error}")))
+            send(link, (False, failure_of(error, "writing")))
 
 
 def _serve_frames(link: Connection) -> None:
-    exporters = Exporters(link.recv())
+    plan: Plan = link.recv()
+    exporters = Exporters(plan)
     mapped: dict[int, mmap.mmap] = {}
-    while True:
-        order: _Order | None = link.recv()
-        if order is None:
-            exporters.finish()
-        else:
-            for number in order.gone:
-                del mapped[number]
-            for number in order.fresh:
-                mapped[number] = map_memory(recv_handle(link))
-            exporters.write(unpack(order.skeleton, [mapped[number] for number in order.buffers]))
-        _send(link, (order is not None, None))
+    waiting: deque[Frame] = deque()
+    with SurfaceWorkers(plan.workers) as workers:
+        while True:
+            ready = wait([*workers.links, *([] if workers.is_full else [link])])
+            if link not in ready:
+                made = workers.take()
+                exporters.write_with(waiting.popleft(), made)
+                send(link, (True, None))
+                continue
+            order: _Order | None = link.recv()
+            if order is None:  # by now nothing is under way
+                exporters.finish()
+                send(link, (False, None))
+                continue
+            frame = _taken(order, link, mapped)
+            if plan.options.surfaces:
+                workers.give(surfaces.tasks(frame, plan.options.surfaces))
+                waiting.append(frame)
+            else:
+                exporters.write(frame)
+                send(link, (True, None))
+
+
+def _taken(order: _Order, link: Connection, mapped: dict[int, mmap.mmap]) -> Frame:
+    """The frame of an order; `mapped` is the memory that this process sees, by number."""
+    for number in order.gone:
+        del mapped[number]
+    for number in order.fresh:
+        mapped[number] = map_memory(recv_handle(link))
+    return unpack(order.skeleton, [mapped[number] for number in order.buffers])

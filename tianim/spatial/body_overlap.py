@@ -70,10 +70,10 @@ def overlap(a: BodyParams, b: BodyParams) -> float | None:
     rounding = ROUNDING
     if isinstance(second, _HalfSpace):
         reach = _reach(first, second.normal)
-        depth = reach - (first.centre - second.point) @ second.normal
-        size = reach + np.abs(first.centre).max()
+        depth = reach - float((first.centre - second.point) @ second.normal)
+        size = reach + float(np.abs(first.centre).max())
     else:
-        size = np.linalg.norm(first.centre - second.centre) + first.radius + second.radius
+        size = float(np.linalg.norm(first.centre - second.centre)) + first.radius + second.radius
         if isinstance(first, _Rounded) and isinstance(second, _Rounded):
             depth = first.radius + second.radius - _core_distance(first, second)
         else:

@@ -19,6 +19,12 @@ from tianim.errors import BlowupError, SceneError
 from tianim.validate import (
     couzin,
     flocking,
+    fluid,
+    fluid_bodies,
+    fluid_columns,
+    fluid_dam_break,
+    fluid_drops,
+    fluid_flows,
     gravity,
     gravity_forces,
     gravity_galaxies,
@@ -36,6 +42,14 @@ _FLOCKS = (*flocking.CASES, *steering_laws.CASES, *steering.CASES, *limits.CASES
 CASES: dict[str, tuple[Case, ...]] = {
     "boids": (*_FLOCKS, *vicsek.CASES, *couzin.CASES),
     "couzin": couzin.CASES,
+    "fluid": (
+        *fluid.CASES,
+        *fluid_columns.CASES,
+        *fluid_dam_break.CASES,
+        *fluid_flows.CASES,
+        *fluid_drops.CASES,
+        *fluid_bodies.CASES,
+    ),
     "gravity": (*gravity.CASES, *gravity_forces.CASES, *gravity_galaxies.CASES),
     "vicsek": vicsek.CASES,
 }

@@ -31,6 +31,7 @@ class Preset:
     body, line  colours of meshes that are not the subject, and of lines
     shafts    of light from above
     shadow, corners  how dark a cast shadow and a corner are, 0: not drawn
+    pool      light on the floor round the action, None: the floor has the colour of the background
     """
 
     ramp: Ramp
@@ -55,6 +56,7 @@ class Preset:
     azimuth: float = 25.0
     elevation: float = 15.0
     darts: str = "darts"
+    pool: tuple[float, float, float] | None = None
 
 
 PRESETS = {
@@ -100,6 +102,10 @@ PRESETS = {
 }  # fmt: skip
 
 
+POOL = (0.07, 0.078, 0.1)  # light on a dark floor
+DIM = 0.12  # mean light of a background that is dark
+
+
 def preset_of(background: Background) -> Preset:
     """The preset of that name; two colours make one with the light of the night or the studio."""
     if isinstance(background, str):
@@ -120,6 +126,27 @@ def with_shadows(preset: Preset, wanted: bool | None) -> Preset:
         shadow=(preset.shadow or studio.shadow) * wanted,
         corners=(preset.corners or studio.corners) * wanted,
     )
+
+
+def with_floor(preset: Preset, wanted: bool | None, wet: bool) -> Preset:
+    """The preset with a floor as a look wants it; None: its own, and in the dark under what is `wet`."""
+    dark = is_dark(preset) and not preset.shafts
+    if wanted is None:
+        wanted = preset.floor or (wet and dark)
+    if wanted == preset.floor:
+        return preset
+    if not wanted:
+        return replace(preset, floor=False)
+    studio = PRESETS["studio"]
+    return replace(
+        preset, floor=True, shadow=studio.shadow, corners=studio.corners, pool=POOL if dark else None
+    )
+
+
+def is_dark(preset: Preset) -> bool:
+    """Whether there is little light behind the action."""
+    lower = ramp_colors(preset.ramp, np.linspace(0.0, 0.5, 8, dtype=np.float32))
+    return not preset.sky and float(lower.mean()) < DIM
 
 
 def stage_array(preset: Preset, camera: Float, floor: float, exposure: float) -> Float:
@@ -176,10 +203,10 @@ class Backdrop:
         y: Float = ((0.5 * height - row) / height).astype(np.float32)
         if self._preset.sky:
             rise = self._elevation(camera, x * height, y * height)
-            picture = _ramp(self._preset.ramp, rise)
+            picture = ramp_colors(self._preset.ramp, rise)
         else:
             rise = (y + np.float32(0.5)).astype(np.float32)
-            picture = np.broadcast_to(_ramp(self._preset.ramp, rise), (height, width, 3))
+            picture = np.broadcast_to(ramp_colors(self._preset.ramp, rise), (height, width, 3))
         away = np.sqrt(x * x + 1.3 * y * y)
         shade_off = 1.0 - self._preset.vignette * np.clip(away / 0.95, 0, 1) ** 2
         return np.ascontiguousarray(picture * shade_off[..., None], dtype=np.float32)
@@ -231,7 +258,7 @@ def _fill_below(picture: Float, top: Float, color: Float) -> None:
     picture[first:] += (color - picture[first:]) * cover
 
 
-def _ramp(ramp: Ramp, height: Float) -> Float:
+def ramp_colors(ramp: Ramp, height: Float) -> Float:
     """Colours of `ramp` at heights, smooth between its steps; linear light (..., 3)."""
     places = np.array([place for place, _ in ramp], np.float32)
     encoded = np.array([[int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)] for _, color in ramp])

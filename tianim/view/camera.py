@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from tianim.view.layout import CAMERA_SIZE, FOCAL, HEIGHT, NEAR, PERSPECTIVE, WIDTH
 from tianim.view.look import CameraLook
 from tianim.view.survey import Survey
+from tianim.view.wet import FLUID_BOUNDS
 
 Float = NDArray[np.float32]
 Vector = NDArray[np.float64]
@@ -84,10 +85,11 @@ def _axes(back: Vector, up: Vector) -> Vector:
 
 @dataclass(frozen=True)
 class Stand:
-    """Direction in which the camera stands where the look leaves it open [degrees]."""
+    """Where the camera stands where the look leaves it open: direction [degrees], height filled."""
 
     azimuth: float
     elevation: float
+    fill: float = FILL
 
 
 class CameraPath:
@@ -105,7 +107,9 @@ class CameraPath:
             self._plan = None
         flat_picture = look.projection == "auto" and self._plan is not None
         self.perspective = not flat_picture and look.projection != "orthographic"
-        self.fill = look.fill if look.fill is not None else (FILL_PLAN if self._plan is not None else FILL)
+        self.fill = (
+            look.fill if look.fill is not None else (FILL_PLAN if self._plan is not None else stand.fill)
+        )
         self._half = tan(radians(look.field_of_view) / 2)
         self._fit(survey)
 
@@ -143,13 +147,15 @@ class CameraPath:
     def _fit(self, survey: Survey) -> None:
         """Fit centre and distance to every surveyed frame, and smooth both."""
         self._bounds = ROBUST if survey.loose and self._plan is None else WHOLE
+        if survey.loose and survey.fluid and self._plan is None:
+            self._bounds = FLUID_BOUNDS
         action = list(survey.action)
         everything = survey.everything
         if not len(everything):
             everything = np.zeros((1, 3), np.float32)
         action = [points if len(points) else everything for points in action] or [everything]
-        if self._plan is not None:
-            action = [everything] * len(action)  # a plan stands still
+        if self._plan is not None or survey.fluid:
+            action = [everything] * len(action)  # a plan, and a vessel, stand still
         indices = survey.indices if len(survey.indices) else np.zeros(1)
         frames_apart = (self._count - 1) / max(len(indices) - 1, 1)
         seconds = float(np.ptp(survey.times)) / max(len(indices) - 1, 1) if len(survey.times) else 1.0

@@ -11,16 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from tianim.view import colormap, layout, raster, shade, shadow
+from tianim.view import colormap, layout, liquid_light, raster, shade, shadow
+from tianim.view.liquid import Liquid
+from tianim.view.liquid_pass import LiquidPass, Scene
 
 Float = NDArray[np.float32]
 Int = NDArray[np.int32]
 Picture = NDArray[np.uint8]
+Key = NDArray[np.int64]
 
 SHADOW_SIZE = 1024  # samples along each side of the shadow map
 LARGEST_SCALE = 4096.0  # steps of the blended light in one unit
 TILE = 16  # samples along each side of a tile of the shadow map
 
+NO_PICTURE = np.empty((1, 1, 3), np.float32)
 ENCODING = colormap.encoding_table(shade.ENCODING_SIZE, shade.ENCODING_STEPS)
 
 
@@ -85,6 +89,7 @@ class Geometry:
     triangles: Triangles = Triangles()
     sticks: Sticks = Sticks()
     blends: Sequence[Blend] = ()
+    liquids: Sequence[Liquid] = ()
 
 
 @dataclass(frozen=True)
@@ -93,12 +98,17 @@ class Light:
 
     stage  see layout; fog: start [m], length [m], share lost over it
     sun    camera of the shadow map, None: no shadows are cast; reach: how far a corner darkens [m]
+    mirror what liquids mirror (see environment), None: there are none
+    distance, radius  of the action [m]
     """
 
     stage: Float
     fog: Float
     sun: Float | None = None
     reach: float = 1.0
+    mirror: Float | None = None
+    distance: float = 1.0
+    radius: float = 1.0
 
 
 class Canvas:
@@ -111,13 +121,18 @@ class Canvas:
         self._depth = np.empty((height, width), np.float32)
         self._shade = np.empty((height, width, 2), np.float32)
         self._shadow = np.empty((SHADOW_SIZE, SHADOW_SIZE), np.int64)
+        self._liquids: LiquidPass | None = None  # made when the first liquid is seen
 
     def draw(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> Picture:
         """The picture (height, width, 3); `camera` is for whole pixels, `background` as large, linear."""
         fine = camera.copy()
         fine[[layout.FOCAL, layout.WIDTH, layout.HEIGHT]] *= self.samples
         self._see(self._key, geometry, fine)
-        scale = self._blend(geometry, camera, light, background)
+        scale = self._blend(self._light, self._key, geometry, camera, light, background)
+        liquids = self._see_liquids(geometry, fine)
+        if liquids is not None and geometry.blends:
+            self._blend(liquids.light, liquids.nearest, geometry, camera, light, background)
+            self._light -= liquids.light  # what lies behind the liquids is left
         if light.stage[layout.CORNER] > 0.0 or light.sun is not None:
             self._find_shade(geometry, camera, light)
         out = np.empty((self.height, self.width, 3), np.uint8)
@@ -128,8 +143,27 @@ class Canvas:
             spheres.position, spheres.radius, spheres.tone,
             mesh.position, mesh.normal, mesh.triangles, mesh.tone, mesh.tint,
             sticks.position, sticks.segments, sticks.radius, sticks.tone, geometry.colors, ENCODING,
+            NO_PICTURE if liquids is None else liquids.picture,
         )  # fmt: skip
+        if liquids is not None and light.mirror is not None:
+            shadow.scene_depth(self._depth, self._key, camera, light.stage)
+            scene = Scene(
+                camera, light.stage, light.fog, background, light.mirror, light.distance, light.radius,
+                light.sun, self._shade,
+            )  # fmt: skip
+            liquids.draw(self._depth, scene)
+            liquid_light.finish(out, liquids.picture, liquids.light, scale, ENCODING)
         return out
+
+    def _see_liquids(self, geometry: Geometry, fine: Float) -> LiquidPass | None:
+        """The pass that draws the liquids, once it has seen them; None where there are none."""
+        if not geometry.liquids:
+            return None
+        if self._liquids is None:
+            self._liquids = LiquidPass(self.width, self.height, self.samples)
+        self._liquids.light.fill(0)
+        self._liquids.see(geometry.liquids, self._key, fine)
+        return self._liquids
 
     def _find_shade(self, geometry: Geometry, camera: Float, light: Light) -> None:
         """Fill the buffer of corners and cast shadows."""
@@ -165,14 +199,16 @@ class Canvas:
         if len(sticks.segments):
             raster.raster_lines(key, camera, sticks.position, sticks.segments, sticks.radius, first_line)
 
-    def _blend(self, geometry: Geometry, camera: Float, light: Light, background: Float) -> float:
-        """Fill the light buffer; returns its steps in one unit, chosen so that no sum overflows."""
-        self._light.fill(0)
+    def _blend(
+        self, out: Key, key: Key, geometry: Geometry, camera: Float, light: Light, background: Float
+    ) -> float:
+        """Fill `out` with blended light; returns its steps in one unit, chosen so that no sum overflows."""
+        out.fill(0)
         count = sum(len(blend.tail) for blend in geometry.blends)
         scale = min(LARGEST_SCALE, 2.0**31 / (4.0 * max(count, 1)))
         for blend in geometry.blends:
             raster.blend_capsules(
-                self._light, self._key, camera, light.fog, background, blend.tail, blend.head, blend.radius,
+                out, key, camera, light.fog, background, blend.tail, blend.head, blend.radius,
                 blend.opacity, blend.tone, geometry.colors, blend.taper, int(blend.joined), blend.glow, scale,
             )  # fmt: skip
         return scale

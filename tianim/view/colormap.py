@@ -6,9 +6,11 @@ cyclic with even lightness (made in OKLCh), so that no heading vanishes on a pal
 
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 Float = NDArray[np.float32]
 
@@ -61,6 +63,8 @@ def table(name: str) -> Float:
     """The map `name` as linear light, shape (256, 3)."""
     if name == "phase":
         return _phase()
+    if name == "water":
+        return _water()
     anchors = np.array([[int(c[k : k + 2], 16) for k in (0, 2, 4)] for c in _ANCHORS[name].split()]) / 255
     places = np.linspace(0.0, 1.0, len(anchors))
     steps = np.linspace(0.0, 1.0, ENTRIES)
@@ -68,9 +72,24 @@ def table(name: str) -> Float:
 
 
 def _phase(lightness: float = 0.62, chroma: float = 0.135) -> Float:
-    """Hues of even lightness and chroma, all inside sRGB (OKLab of Ottosson 2020)."""
+    """Hues of even lightness and chroma, all inside sRGB."""
     hue = 2 * np.pi * np.arange(ENTRIES) / ENTRIES
-    a, b = chroma * np.cos(hue), chroma * np.sin(hue)
+    return _from_oklab(lightness, chroma * np.cos(hue), chroma * np.sin(hue))
+
+
+def _water() -> Float:
+    """Deep blue through cyan to white, in even steps of lightness."""
+    share = np.linspace(0.0, 1.0, ENTRIES)
+    lightness = 0.30 + 0.68 * share
+    hue = np.radians(np.interp(share, [0.0, 0.45, 0.75, 1.0], [262.0, 244.0, 215.0, 205.0]))
+    chroma = PchipInterpolator([0.0, 0.2, 0.45, 0.7, 0.88, 1.0], [0.10, 0.125, 0.125, 0.105, 0.045, 0.006])(
+        share
+    )
+    return _from_oklab(lightness, chroma * np.cos(hue), chroma * np.sin(hue))
+
+
+def _from_oklab(lightness: Any, a: NDArray[np.float64], b: NDArray[np.float64]) -> Float:
+    """Linear light of OKLab values (Ottosson 2020), clipped to what can be shown."""
     long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
     medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
     short = (lightness - 0.0894841775 * a - 1.2914855480 * b) ** 3

@@ -1,16 +1,21 @@
 """Draft: turns the parts of a frame into geometry, each in its style."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tianim.frame import Frame, Lines, Mesh, Points
 from tianim.view.canvas import Blend, Geometry, Spheres, Sticks, Triangles
+from tianim.view.liquid import Liquid, mesh_normals
+from tianim.view.material import Substance
 from tianim.view.raster import pose_shapes
 from tianim.view.shapes import FAR_SHAPES, NEAR_SHAPES, SHAPES, Shape, forward_of, heading_quaternion
 from tianim.view.starlight import Stars, mean_mass, stars_of
 from tianim.view.styles import Style, Styles
+from tianim.view.tank import laid_on_walls
+from tianim.view.wet import pieces
 
 Float = NDArray[np.float32]
 
@@ -20,14 +25,19 @@ NEAR_ABOVE = 40.0  # pixels: a longer one as a finer shape
 MOST_SHAPES = 400_000  # more darts than this are drawn as plain sticks
 TRAIL_OPACITY = 0.5
 TRAIL_WIDTH = 0.12  # of a trail at its head, over the size of the point
+FOAM_HEART = 0.5  # diameter of the dense middle of foam over the whole
 JUMP = 12.0  # a trail breaks where a point moves this many times the median: it went round a periodic box
 
 
 class Draft:
-    """Makes the geometry of frames; `flat` is the axis along which the scene is flat, or None."""
+    """Makes the geometry of frames; `flat` is the axis along which the scene is flat, or None.
+
+    `matt`: draw liquids as plain meshes of their colour.
+    """
 
     def __init__(self, styles: Styles, flat: int | None) -> None:
         self._styles, self._flat = styles, flat
+        self.matt = False
 
     @property
     def trail(self) -> int:
@@ -40,6 +50,7 @@ class Draft:
         meshes: list[Triangles] = []
         sticks: list[Sticks] = []
         blends: list[Blend] = []
+        liquids: list[Liquid] = []
         for part in frame.parts:
             style = self._styles.of(part)
             if style.kind == "hidden" or not len(part.position):
@@ -47,6 +58,9 @@ class Draft:
             if isinstance(part, Points) and style.trail and earlier:
                 blends += self._trail(part, style, earlier)
             if style.kind == "stars":
+                continue
+            if isinstance(part, Mesh) and style.substance is not None and not self.matt:
+                liquids.append(_liquid(part, style.substance, frame))
                 continue
             drawn = self._draw(part, style, frame.time)
             spheres += [drawn] if isinstance(drawn, Spheres) else []
@@ -59,6 +73,7 @@ class Draft:
             _joined_meshes(meshes),
             _joined_sticks(sticks),
             tuple(blends),
+            tuple(liquids),
         )
 
     def stars(self, frame: Frame) -> list[Stars]:
@@ -140,10 +155,22 @@ class Draft:
         return blends
 
 
+def nearest_first(geometry: Geometry, camera: Float) -> Geometry:
+    """The geometry with its spheres from near to far: those in a body are then soon found to be hidden."""
+    spheres = geometry.spheres
+    order = np.argsort((spheres.position - camera[:3]) @ camera[9:12], kind="stable")
+    sorted_ = Spheres(_f32(spheres.position[order]), spheres.radius[order], spheres.tone[order])
+    return replace(geometry, spheres=sorted_)
+
+
 def _balls(position: Float, size: Float, tone: Float, style: Style) -> Spheres | Blend:
-    if style.kind != "glow" and style.opacity == 1.0:
+    if style.kind not in ("glow", "foam") and style.opacity == 1.0:
         return Spheres(position, 0.5 * size, tone)
     opacity = np.full(len(position), style.opacity, np.float32)
+    if style.kind == "foam":  # a disc in a disc: a soft edge
+        position, tone = np.concatenate([position, position]), np.concatenate([tone, tone])
+        opacity = np.full(len(position), 1.0 - (1.0 - style.opacity) ** 0.5, np.float32)
+        size = np.concatenate([size, FOAM_HEART * size])
     return Blend(position, position, 0.5 * size, opacity, tone, glow=1.0 if style.kind == "glow" else 0.0)
 
 
@@ -153,14 +180,33 @@ def _lines(part: Lines, style: Style, tone: Float) -> Sticks | Blend:
     tone = tone[segments[:, 0]]
     if style.opacity == 1.0:
         return Sticks(position, segments, radius, tone)
-    opacity = np.full(len(segments), style.opacity, np.float32)
-    return Blend(position[segments[:, 0]], position[segments[:, 1]], radius, opacity, tone, joined=True)
+    if style.kind != "edges":
+        opacity = np.full(len(segments), style.opacity, np.float32)
+        return Blend(position[segments[:, 0]], position[segments[:, 1]], radius, opacity, tone, joined=True)
+    start, end = pieces(position[segments[:, 0]], position[segments[:, 1]])
+    times = len(start) // max(len(segments), 1)
+    radius, tone = np.tile(radius, times), np.tile(tone, times)
+    opacity = np.full(len(start), style.opacity, np.float32)
+    return Blend(start, end, radius, opacity, tone, joined=True)
 
 
 def _mesh(part: Mesh, tone: Float) -> Triangles:
     position, triangles = _finite_parts(part.position, part.triangles)
     normal = vertex_normals(position, triangles)
     return Triangles(position, normal, triangles, tone, np.ones(len(position), np.float32))
+
+
+def _liquid(part: Mesh, made_of: Substance, frame: Frame) -> Liquid:
+    """The mesh, laid on the walls of a tank, with its own normals where it has them and they still hold."""
+    position, triangles = _finite_parts(part.position, part.triangles)
+    fitted = laid_on_walls(position, frame)
+    normal = np.empty_like(position)
+    mesh_normals(normal, fitted, triangles)
+    given = part.data.get("normal")
+    if given is not None and given.shape == position.shape:
+        holds = np.isfinite(given).all(axis=1) & (fitted == position).all(axis=1)
+        normal[holds] = given[holds]
+    return Liquid(fitted, normal, triangles, made_of)
 
 
 def _finite_parts(position: Float, indices: NDArray[np.int32]) -> tuple[Float, NDArray[np.int32]]:

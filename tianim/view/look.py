@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from typing_extensions import Self
 
 from tianim.params import Animated, Fraction, Number, Params, Positive, Vector3
+from tianim.view.material import MaterialField
 
 MAX_SIDE = 7680  # pixels: 8K film
 MAX_TRAIL = 200  # frames; each is kept in memory while the film is drawn
@@ -22,7 +23,7 @@ Elevation = Annotated[float, Field(ge=-89, le=89)]
 Color = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Preset = Literal["dusk", "night", "space", "studio", "water", "paper"]
 ColorMap = Literal[
-    "viridis", "magma", "inferno", "plasma", "cividis", "twilight", "turbo", "phase", "starlight"
+    "viridis", "magma", "inferno", "plasma", "cividis", "twilight", "turbo", "phase", "starlight", "water"
 ]
 PartKind = Literal[
     "auto",
@@ -33,6 +34,7 @@ PartKind = Literal[
     "bees",
     "arrows",
     "glow",
+    "foam",
     "stars",
     "lines",
     "mesh",
@@ -101,7 +103,8 @@ class PartStyle(Params):
     kind: PartKind = Field(
         default="auto",
         description="what stands for an item; auto: darts for points that move (arrows in 2D), "
-        "spheres for points that do not, lines and meshes as they are; stars: light that adds up behind all "
+        "spheres for points that do not and for the particles of a fluid, lines and meshes as they are; "
+        "foam: small soft white discs; stars: light that adds up behind all "
         "else, as a telescope shows it, by the mass of each point",
     )
     size: Positive | None = Field(
@@ -120,6 +123,11 @@ class PartStyle(Params):
         default=1.0,
         description="1 hides what is behind; less lets it through (points and lines); a factor on the light "
         "of stars",
+    )
+    material: MaterialField | None = Field(
+        default=None,
+        description="what a closed mesh is made of that light goes through: water, glass, honey, lava; "
+        "left out: it is matt",
     )
     framed: bool = Field(
         default=True, description="whether the camera keeps the part in the picture; what is hidden is not"
@@ -182,7 +190,8 @@ class Look(Params):
     background: Preset | Literal["auto"] | tuple[Color, Color] = Field(
         default="auto",
         description="dusk, night, space, studio, water, paper, or two colours from bottom to top; auto: "
-        "space for stars, paper for flat scenes, studio for meshes, dusk for the rest",
+        "space for stars, studio for fluids and meshes, night for flat fluids, paper for other flat scenes, "
+        "dusk for the rest",
     )
     parts: dict[Annotated[str, Field(min_length=1, max_length=64)], PartStyle] = Field(
         default={}, description="style of each part, by its name"
@@ -191,6 +200,11 @@ class Look(Params):
         default=None,
         description="how far the back of the action fades into the background, 0 to 1; "
         "left out: what suits the background",
+    )
+    floor: bool | None = Field(
+        default=None,
+        description="a floor under the action, lit round it where the background is dark; left out: what "
+        "suits the background, and under a fluid in the dark",
     )
     shadows: bool | None = Field(
         default=None, description="cast shadows and shade corners; left out: what suits the background"

@@ -109,6 +109,8 @@ def choose_painter(frames: Frames, look: Look, say: Any) -> Painter:
     painter = Open3dPainter(frames, look)
     if not all(isinstance(part, Mesh) for part in painter.survey.parts.values()):
         reason = "open3d draws meshes only, and there are other parts"
+    elif any(style.material is not None for style in look.parts.values()):
+        reason = "open3d knows no materials"
     elif not probe().usable:
         reason = probe().reason
     else:
@@ -192,6 +194,7 @@ class Scrubber:
         self._open3d = load()
         self._frames, self.index, self.playing = frames, 0, False
         self._painter = Painter(frames, look)
+        self._painter.draft.matt = True
         self._shown: list[Any] = []
         self.window = self._open3d.visualization.VisualizerWithKeyCallback()
         with _quiet():

@@ -57,7 +57,10 @@ def raster_spheres(key: i64_2d, camera: f32_1d, position: f32_2d, radius: f32_1d
             front = ti.bit_cast(ti.max(s[2] - radius[n], camera[NEAR]), ti.i32)
             for y in range(y0, y1):
                 dy = (y + 0.5 - s[1]) / r
-                for x in range(x0, x1):
+                half = r * ti.sqrt(ti.max(1.0 - dy * dy, 0.0)) + 0.01  # of the row, and what rounding may add
+                xa = ti.max(x0, ti.cast(ti.ceil(s[0] - half - 0.5), ti.i32))
+                xb = ti.min(x1, ti.cast(ti.floor(s[0] + half - 0.5), ti.i32) + 1)
+                for x in range(xa, xb):
                     dx = (x + 0.5 - s[0]) / r
                     inside = 1.0 - dx * dx - dy * dy
                     if inside >= 0.0 and front <= ti.cast(key[y, x] >> 32, ti.i32):

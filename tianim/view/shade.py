@@ -182,13 +182,13 @@ def resolve(
     sphere_position: f32_2d, sphere_radius: f32_1d, sphere_tone: f32_1d,
     position: f32_2d, normal: f32_2d, triangles: i32_2d, tone: f32_1d, tint: f32_1d,
     line_position: f32_2d, segments: i32_2d, line_radius: f32_1d, line_tone: f32_1d,
-    colors: f32_2d, encoding: f32_1d,
+    colors: f32_2d, encoding: f32_1d, linear: f32_3d,
 ):  # fmt: skip
     """The picture (height, width, 3) uint8: surfaces lit and fogged, blended light over them, encoded.
 
     Ids run through spheres, triangles, lines. `tone` is a row of `colors` (linear light); the back
     of a triangle takes the row ENTRIES further on. `shade` and `depth` are read only where the
-    stage has shadows or corners.
+    stage has shadows or corners. `linear` of the picture's size takes its linear light.
     """
     height, width = out.shape[0], out.shape[1]
     samples = key.shape[0] // height
@@ -230,4 +230,8 @@ def resolve(
                     surface = lit_color(stage, albedo, facing.normalized(), toward_eye, lit, open_share)
                     color = behind + (surface - behind) * faded(fog, z)
             total += color
-        encode(out, encoding, y, x, through_light(light, light_scale, y, x, total / (samples * samples)))
+        shown = through_light(light, light_scale, y, x, total / (samples * samples))
+        if linear.shape[0] == height:
+            for c in ti.static(range(3)):
+                linear[y, x, c] = shown[c]
+        encode(out, encoding, y, x, shown)

@@ -65,6 +65,20 @@ def scene_depth(out: f32_2d, key: i64_2d, camera: f32_1d, stage: f32_1d):
         out[y, x] = ti.min(depth_of(found), floor)
 
 
+@ti.kernel
+def light_pool(out: f32_3d, background: f32_3d, camera: f32_1d, stage: f32_1d, pool: f32_1d):
+    """The background with light on its floor: middle x and z [m], width [m], colour."""
+    for y, x in ti.ndrange(out.shape[0], out.shape[1]):
+        z = floor_depth(camera, stage, x + 0.5, y + 0.5)
+        share = 0.0
+        if z < 0.5 * FAR:
+            p = to_world(camera, x + 0.5, y + 0.5, z)
+            q = ((p[0] - pool[0]) ** 2 + (p[2] - pool[1]) ** 2) / (pool[2] * pool[2])
+            share = 1.0 / (1.0 + q) ** 2
+        for c in ti.static(range(3)):
+            out[y, x, c] = background[y, x, c] + share * pool[3 + c]
+
+
 @ti.func
 def enclosure(depth: ti.template(), camera: ti.template(), reach, x, y):
     """How far a pixel is enclosed, 0..1, from pairs of opposite depths within `reach` [m].

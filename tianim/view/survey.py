@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tianim.frame import Frame, Lines, Mesh, Part, Points
+from tianim.view.wet import any_fluid, is_foam
 
 Float = NDArray[np.float32]
 
@@ -42,6 +43,7 @@ class Survey:
     flat      axis along which all points agree (0, 1, 2), or None
     lowest    height of the lowest thing [m]
     loose     the action is points, of which some may stray and need not be framed
+    fluid     there are particles of a fluid, which stay where they are as a whole
     spacing   distance between neighbours by part [m] (median segment length of lines)
     parts     one example of each part, from the frame in the middle where it can be
     frames    the frames looked at, every part thinned to a few points with their data
@@ -56,6 +58,7 @@ class Survey:
     spacing: Mapping[str, float]
     parts: Mapping[str, Part]
     frames: Sequence[Frame] = field(repr=False)
+    fluid: bool = False
 
     @property
     def everything(self) -> Float:
@@ -81,7 +84,8 @@ def survey(frames: Frames, unframed: Collection[str] = ()) -> Survey:
                 lowest = min(lowest, float(good[:, 1].min()))
             if part.name not in parts or (place <= len(indices) // 2 and len(part.position)):
                 parts[part.name] = part
-    names = _action_names({name: part for name, part in parts.items() if name not in unframed})
+    fluid = any_fluid(parts.values())
+    names = _action_names({name: part for name, part in parts.items() if name not in unframed}, fluid)
     action = [_joined([p.position for p in frame.parts if p.name in names]) for frame in thinned]
     return Survey(
         indices=indices,
@@ -93,6 +97,7 @@ def survey(frames: Frames, unframed: Collection[str] = ()) -> Survey:
         spacing={name: _spacing(part) for name, part in parts.items()},
         parts=parts,
         frames=thinned,
+        fluid=fluid,
     )
 
 
@@ -120,9 +125,19 @@ def _thin(part: Part) -> Points:
     return Points(part.name, part.position[every][good].astype(np.float32), data, part.units)
 
 
-def _action_names(parts: Mapping[str, Part]) -> list[str]:
-    """Parts that the camera should frame: points and lines; meshes only where there is nothing else."""
-    lively = [n for n, part in parts.items() if isinstance(part, Points | Lines) and len(part.position)]
+def _action_names(parts: Mapping[str, Part], fluid: bool) -> list[str]:
+    """Parts that the camera should frame: points and lines; meshes only where there is nothing else.
+
+    A fluid is framed by its tank where it has one, and foam by the fluid.
+    """
+    tanks = [n for n, part in parts.items() if isinstance(part, Lines) and len(part.position)]
+    if fluid and tanks:
+        return tanks
+    lively = [
+        n
+        for n, part in parts.items()
+        if isinstance(part, Points | Lines) and len(part.position) and not is_foam(part)
+    ]
     return lively or list(parts)
 
 

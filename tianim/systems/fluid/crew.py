@@ -28,6 +28,7 @@ from typing import Any
 from tianim.lang import CPU_BLOCK, i32_1d, ti, workers
 
 PIECE = 512  # particles taken at a time
+PIECES_A_TASK = 4  # at least
 MOST_TURNS = 1024  # passes of one kernel
 # Places in the array: apart, so that they lie on cache lines of their own.
 ARRIVED, ROUND, TURNS = 0, 32, 64
@@ -85,8 +86,12 @@ class Crew:
         self.works = self.stride == CPU_BLOCK
         self.array: Any = ti.ndarray(ti.i32, TURNS + MOST_TURNS)
         self.array.fill(0)
-        # Two of each, used in turn: a task may still read one while another writes the next.
-        self.sums: Any = ti.ndarray(ti.f32, (2, -(-max(capacity, 1) // PIECE)))
+        # Two of each of two sums, used in turn: a task may still read one while another writes the next.
+        self.sums: Any = ti.ndarray(ti.f32, (4, -(-max(capacity, 1) // PIECE)))
+
+    def tasks_for(self, n: int) -> int:
+        """Tasks for n particles: few of them are done before others have been waited for."""
+        return max(1, min(self.tasks, n // (PIECE * PIECES_A_TASK)))
 
     def begin(self) -> None:
         """Before each kernel that uses the crew."""

@@ -6,11 +6,10 @@
 Limits: the step follows the fastest flow, at `cfl` spacings a step.
 """
 
-from typing import Any
-
 from tianim.lang import f32_1d, f32_2d, ti
 from tianim.system import Bounds
 from tianim.systems.fluid.forces import Forces
+from tianim.systems.fluid.gauge_params import ForceGauge
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
@@ -20,11 +19,15 @@ from tianim.systems.fluid.walls import LEAST, Walls
 # A drift is a fraction of a percent of a spacing; where two blocks were driven into each other it is
 # undone over several steps, so many spacings in each.
 LARGEST_DRIFT = 0.1
+# The motion is solved to this part of the error asked for: what it leaves is added up in the places.
+MOTION_SHARE = 0.2
+# Longest time [s] for which a divergence is thought to act.
+LONGEST = 0.005
 
 
 @ti.kernel
 def kick(n: ti.i32, dt: ti.f32, acceleration: f32_2d, v: f32_2d):
-    """v += dt a."""
+    """Add dt a to v."""
     for i in range(n):
         for c in ti.static(range(3)):
             v[c, i] += dt * acceleration[c, i]
@@ -41,7 +44,7 @@ def drift_places(
     normal: f32_2d,
     x: f32_2d,
 ):
-    """x += dt^2 push, at most `most` [m], and not nearer to the nearest wall than `least`, or than it is."""
+    """Move x by dt^2 push, at most `most` [m], no nearer to a wall than `least` or than it is."""
     for i in range(n):
         way = dt * dt * ti.Vector([push[0, i], push[1, i], push[2, i]])
         length = way.norm()
@@ -58,7 +61,7 @@ def advect(
     n: ti.i32, dt: ti.f32, pressure: f32_1d, acceleration: f32_2d, lower: f32_1d, length: f32_1d, x: f32_2d,
     v: f32_2d,
 ):  # fmt: skip
-    """x += dt v, brought back into a periodic box.
+    """Move x by dt v, brought back into a periodic box.
 
     What flies free, without pressure, follows its parabola: it began the step at v - dt a.
     """
@@ -82,8 +85,9 @@ class Dfsph:
     ) -> None:
         self._params, self._particles, self._walls, self._forces = params.dfsph, particles, walls, forces
         self.pairs = pairs
-        self._pressure = PressureSolver(particles, pairs, walls)
+        self._pressure = PressureSolver(particles, pairs, walls, pairs.is_full)
         self.solved: tuple[Solved, Solved] = (Solved(0, 0.0, 0.0), Solved(0, 0.0, 0.0))
+        self._watched = any(isinstance(gauge, ForceGauge) for gauge in params.gauges.values())
         self.clamped = 0
 
     @staticmethod
@@ -93,16 +97,40 @@ class Dfsph:
 
     def step(self, time: float, dt: float) -> None:
         """Go on from `time` [s] by `dt` [s]."""
-        particles, walls, forces, pairs = self._particles, self._walls, self._forces, self.pairs
-        n = particles.count
-        pairs.build()
-        x, v = particles["position"], particles["velocity"]
-        walls.measure(n, x, particles.density)
-        forces.accelerate(time, dt)
-        kick(n, dt, particles.acceleration, v)
-        forces.relax(dt)
-        self._solve(dt)
-        walls.push(n, x, particles.pressure, dt)
+        self.find()
+        self.accelerate(time, dt)
+        self.solve(dt)
+        self.move(dt)
+
+    def find(self) -> None:
+        """Neighbours and walls of each particle, and its density."""
+        self.pairs.build()
+        particles = self._particles
+        self._walls.measure(particles.count, particles["position"], particles.density)
+
+    def accelerate(self, time: float, dt: float) -> None:
+        """All forces but pressure."""
+        particles = self._particles
+        self._forces.accelerate(time, dt)
+        kick(particles.count, dt, particles.acceleration, particles["velocity"])
+        self._forces.relax(dt)
+
+    def solve(self, dt: float) -> None:
+        """Pressures: velocities, and the drift of the places."""
+        params, solve = self._params, self._pressure.solve
+        least, most = params.least_iterations, params.most_iterations
+        tolerance = MOTION_SHARE * min(params.density_error, params.divergence_error)
+        # A divergence acts for the time that the flow takes through a spacing, however short the steps.
+        tolerance *= min(dt / min(self._forces.limits.flow, LONGEST), 1.0)
+        motion = solve(MOTION, dt, tolerance, least, most)
+        self.solved = (motion, solve(DRIFT, dt, params.density_error, 0, most))
+
+    def move(self, dt: float) -> None:
+        """Places, kept out of the walls; what the walls bear."""
+        particles, walls, pairs = self._particles, self._walls, self.pairs
+        n, x, v = particles.count, particles["position"], particles["velocity"]
+        if self._watched:
+            walls.push(n, x, particles.pressure, dt)
         if self.solved[1].iterations:
             drift_places(
                 n, dt, LARGEST_DRIFT * particles.spacing, LEAST * particles.spacing, self._pressure.push,
@@ -111,12 +139,6 @@ class Dfsph:
         walls.hold(n, x, v, dt)
         advect(n, dt, particles.pressure, particles.acceleration, pairs.lower, pairs.length, x, v)
         self.clamped = walls.clamp(n, x, v)
-
-    def _solve(self, dt: float) -> None:
-        params, solve = self._params, self._pressure.solve
-        least, most = params.least_iterations, params.most_iterations
-        motion = solve(MOTION, dt, min(params.density_error, params.divergence_error), least, most)
-        self.solved = (motion, solve(DRIFT, dt, params.density_error, 0, most))
 
     def diagnostics(self) -> dict[str, float]:
         """Iterations of the last step, and the mean compression that the solves left."""

@@ -1,45 +1,92 @@
-"""STAND-IN by the lead, to be overwritten by FORCES (keep what system.py uses: see NOTES-lead.md)."""
+"""All forces on a fluid but pressure: gravity, viscosity, surface tension, vorticity confinement.
+
+A step: accelerate (gravity and what is explicit) -> v += dt a -> relax (implicit viscosity) -> pressure.
+The viscosity is explicit while the step is short enough for it, else implicit, from step to step.
+"""
+
+from typing import Any
 
 import numpy as np
 
-from tianim.lang import f32_1d, f32_2d, i32_1d, ti
+from tianim.lang import f32_2d, ti
+from tianim.systems.fluid.pairs import Pairs
+from tianim.systems.fluid.params import FluidParams
+from tianim.systems.fluid.particles import Particles
+from tianim.systems.fluid.surface_tension import SurfaceTension
+from tianim.systems.fluid.timestep import StepLimits
+from tianim.systems.fluid.viscosity import Viscosity
+from tianim.systems.fluid.vorticity import Vorticity
+
+# The implicit viscosity leaves this part of its change of velocities, or stops after so many iterations.
+TOLERANCE = 3e-3
+MOST_ITERATIONS = 200
 
 
 @ti.kernel
-def uniform(n: ti.i32, x: ti.f32, y: ti.f32, z: ti.f32, acceleration: f32_2d):
+def accelerate_all(
+    clearing: ti.template(), n: ti.i32, x: ti.f32, y: ti.f32, z: ti.f32, acceleration: f32_2d, pull: f32_2d
+):
+    """The same acceleration [m/s2] for all; where `clearing`, no pull of walls."""
     for i in range(n):
         acceleration[0, i] = x
         acceleration[1, i] = y
         acceleration[2, i] = z
-
-
-@ti.kernel
-def fastest(n: ti.i32, least: ti.i32, begin: i32_1d, end: i32_1d, v: f32_2d) -> ti.f32:
-    most = 0.0
-    for i in range(n):
-        s = v[0, i] ** 2 + v[1, i] ** 2 + v[2, i] ** 2
-        ti.atomic_max(most, ti.select(end[i] - begin[i] >= least, s, 0.0))
-    return most
+        if ti.static(clearing):
+            for c in ti.static(range(3)):
+                pull[c, i] = 0.0
 
 
 class Forces:
-    def __init__(self, params, particles, pairs, walls):
-        self.params, self.particles, self.pairs = params, particles, pairs
+    """What acts on `particles` beside pressure.
 
-    def accelerate(self, time, dt):
-        g = self.params.at(time).gravity
-        uniform(self.particles.count, g[0], g[1], g[2] if self.params.dimension == 3 else 0.0, self.particles.acceleration)
+    limits  of the time step
+    pull    acceleration by walls in the last step, their pressure aside [m/s2], (3, capacity)
+    """
 
-    def relax(self, dt):
-        pass
+    def __init__(self, params: FluidParams, particles: Particles, pairs: Pairs, walls: Any) -> None:
+        self._params, self._particles, self._walls = params, particles, walls
+        self.limits = StepLimits(params, particles)
+        phases = params.all_phases()
+        calmed = [
+            phase.model_copy(update={"viscosity": phase.viscosity + params.calming}) for phase in phases
+        ]
+        self.viscosity = Viscosity(calmed, particles, pairs, walls)
+        lightest = min(phase.density for phase in phases)
+        self.tension = SurfaceTension(params.surface_tension, lightest, particles, pairs, walls)
+        self.vorticity = Vorticity(params.vorticity, particles, pairs)
+        self._pulled = walls.count > 0 and (self.viscosity.walled or self.tension.active)
+        self.pull: Any = ti.ndarray(ti.f32, (3, particles.columns.capacity if self._pulled else 1))
 
-    def largest_step(self):
-        p, step = self.particles, self.params.time_step
-        if not p.count:
-            return step.largest
-        bulk, all_ = (np.sqrt(fastest(p.count, k, self.pairs.begin, self.pairs.end, p["velocity"])) for k in (5, 0))
-        g = 9.81 * 0.005
-        return min(step.largest, step.cfl * p.spacing / (bulk + g), 2.5 * step.cfl * p.spacing / (all_ + g))
+    def accelerate(self, time: float, dt: float) -> None:
+        """Fill the particles' accelerations: gravity at `time` [s], what is explicit in a step `dt`."""
+        particles = self._particles
+        gravity = np.array(self._params.at(time).gravity, float)
+        gravity[particles.dimension :] = 0.0
+        self.limits.gravity = float(np.linalg.norm(gravity))
+        accelerate_all(self._pulled, particles.count, *gravity, particles.acceleration, self.pull)
+        if self._explicit(dt):
+            self.viscosity.add(self.pull)
+        if self.tension.active:
+            self.tension.add(self.pull)
+        self.vorticity.add()
 
-    def diagnostics(self):
-        return {}
+    def relax(self, dt: float) -> None:
+        """Let viscosity act for `dt` [s] where it is not explicit; walls get the reaction of all."""
+        particles = self._particles
+        if self.viscosity.active and not self._explicit(dt):
+            self.viscosity.relax(dt, TOLERANCE, MOST_ITERATIONS, self.pull)
+        if self._pulled:
+            self._walls.bear(particles.count, particles["position"], self.pull, dt)
+
+    def _explicit(self, dt: float) -> bool:
+        return self.viscosity.active and dt <= self.viscosity.explicit_limit
+
+    def largest_step(self) -> float:
+        """The largest step [s] that flow, surface tension and sound allow."""
+        return self.limits.largest().step
+
+    def diagnostics(self) -> dict[str, float]:
+        """Iterations of the implicit viscosity, 0 where it is explicit."""
+        if not self.viscosity.active:
+            return {}
+        return {"viscosity_iterations": float(self.viscosity.iterations)}

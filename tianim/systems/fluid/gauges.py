@@ -32,6 +32,8 @@ Numbers = dict[str, float]
 
 # Steps of the search for a surface, to a spacing.
 FINENESS = 16
+# Going up from the ground, the fluid ends where delta falls under this: a quarter of it lies in a corner.
+BULK = 0.15
 # Less than this part of the kernel within the fluid: no fluid is near.
 NEAR = 0.05
 # A part of the front has so many neighbours within the support radius.
@@ -117,8 +119,12 @@ class Gauges:
         if len(y) == 0:
             return {"": floor}
         heights, density = self._profile(y, r2)
-        level = 0.5 * float(np.median(density[density > 0.5 * density.max()]))
-        first = int(np.argmax(density >= level))
+        bottom = int(np.argmax(density >= BULK))
+        bulk = density[bottom : bottom + int(np.argmin(density[bottom:] >= BULK))]
+        if len(bulk) == 0:
+            return {"": floor}
+        level = 0.5 * float(np.median(bulk[bulk > 0.5 * bulk.max()]))
+        first = bottom + int(np.argmax(bulk >= level))
         under = np.flatnonzero(density[first:] < level)
         k = first + int(under[0])
         # Between the last sample above the level and the first under it.

@@ -25,7 +25,7 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.smoothing import cubic, cubic_slope
 from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NeighborGrid
-from tianim.spatial.neighbor_lists import copy_positions, list_run, largest_move, nearest_image, number_places
+from tianim.spatial.neighbor_lists import copy_positions, largest_move, list_run, nearest_image, number_places
 from tianim.spatial.tubes import (
     NX,
     PIECES,
@@ -115,7 +115,10 @@ def list_pairs(
                                     j = line[task, k]
                                     neighbour[at + k] = ti.cast(scratch[6, j], ti.i32)
                                     if ti.static(weighing):
-                                        dx, dy = scratch[0, me] - scratch[0, j], scratch[1, me] - scratch[1, j]
+                                        dx, dy = (
+                                            scratch[0, me] - scratch[0, j],
+                                            scratch[1, me] - scratch[1, j],
+                                        )
                                         dz = 0.0
                                         if ti.static(dimension == 3):
                                             dz = scratch[2, me] - scratch[2, j]
@@ -191,7 +194,7 @@ class Pairs:
         self._needed: Any = ti.ndarray(ti.i32, (2, self.grid.tasks * PIECES))
         self._line: Any = ti.ndarray(ti.i32, (self.grid.tasks, staggered(LINE)))
         self._reserve(LEAST_ROOM)
-        self._built, self._changes = False, 0
+        self._built, self._count = False, 0
 
     def _set_box(self, bounds: Bounds) -> None:
         lower, length = np.zeros(3, np.float32), np.zeros(3, np.float32)
@@ -211,6 +214,11 @@ class Pairs:
         self.neighbour: Any = ti.ndarray(ti.i32, staggered(total))
         self.gradient: Any = ti.ndarray(ti.f32, (3, staggered(total) if self.gradients else 1))
 
+    @property
+    def is_full(self) -> bool:
+        """Whether space has no end along any axis of the fluid: it is periodic."""
+        return bool((self.length.to_numpy()[: self.particles.dimension] > 0.0).all())
+
     def build(self) -> None:
         """Put the particles into cell order and list their neighbours."""
         particles = self.particles
@@ -219,12 +227,12 @@ class Pairs:
             pass
         if self.skin > 0.0:
             copy_positions(particles.count, particles["position"], self._reference)
-        self._built, self._changes = True, particles.columns.changes
+        self._built, self._count = True, particles.count
 
     def update(self) -> bool:
         """With a skin: build where something has moved half of it; whether that was needed."""
         particles, grid = self.particles, self.grid
-        if self._built and self._changes == particles.columns.changes:
+        if self._built and self._count == particles.count:
             largest_move(
                 particles.count, grid.tasks, grid.stride, self.length, particles["position"],
                 self._reference, self._moves,

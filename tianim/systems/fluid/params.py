@@ -15,11 +15,12 @@ import numpy as np
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
-from tianim.params import Animated, Fraction, Name, NonNegative, Params, Positive, Vector3
+from tianim.params import Animated, Fraction, Name, Params, Positive, Vector3
 from tianim.spatial.grid import NARROWEST
 from tianim.system import Bounds, SystemParams
 from tianim.systems.fluid.block_params import ROUNDING, BlockParams, BoxBlock, Many, SphereBlock
 from tianim.systems.fluid.gauge_params import ForceGauge, GaugeParams
+from tianim.systems.fluid.method_params import DfsphParams, PbfParams, WcsphParams
 from tianim.systems.fluid.source_params import EmitterParams, SinkParams
 
 # Heavier by more, a phase lets the pressure solve of the lighter one no longer converge.
@@ -35,13 +36,11 @@ PAIRS_PER_PARTICLE = {2: 16, 3: 40}
 # Of a step with some six iterations of the pressure solve on two ordinary cores.
 SECONDS_PER_PARTICLE = {"dfsph": 1.1e-6, "pbf": 1.5e-6, "wcsph": 0.5e-6}
 SECONDS_PER_STEP = 1e-3
-# Speeds of sound and of a fall are compared with this height where nothing tells [m].
+# What counts as standing still when the first step is estimated [m/s].
 LEAST_SPEED = 1e-3
 
 Density = Annotated[float, Field(ge=0.01, le=1e5)]
 Viscosity = Annotated[float, Field(ge=0, le=1e4)]
-ErrorLimit = Annotated[float, Field(ge=1e-6, le=0.2)]
-Iterations = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class Phase(Params):
@@ -91,54 +90,6 @@ class TimeStep(Params):
         return self
 
 
-class _Iterated(Params):
-    least_iterations: Iterations = Field(2, description="iterations that are made in any case")
-    most_iterations: Iterations = Field(100, description="iterations after which the solve is left as it is")
-
-    @model_validator(mode="after")
-    def _least_is_below_most(self) -> Self:
-        if self.least_iterations > self.most_iterations:
-            raise ValueError(
-                f"least_iterations {self.least_iterations}: must not exceed most_iterations, "
-                f"{self.most_iterations}"
-            )
-        return self
-
-
-class DfsphParams(_Iterated):
-    """Divergence-free SPH (Bender and Koschier 2015): a pressure for the density, one for the divergence."""
-
-    density_error: ErrorLimit = Field(5e-4, description="mean error of the density, part of it")
-    divergence_error: ErrorLimit = Field(
-        1e-3, description="mean error of the density that the divergence would make in a step, part of it"
-    )
-
-
-class PbfParams(_Iterated):
-    """Position Based Fluids (Macklin and Mueller 2013)."""
-
-    density_error: ErrorLimit = Field(0.01, description="mean error of the density, part of it")
-    density_error_p99: ErrorLimit = Field(
-        0.05, description="error that 99 % of the particles keep, part of it"
-    )
-    cfm: NonNegative = Field(
-        0.0, description="softness of the constraint (epsilon of the paper), 0: as hard as can be"
-    )
-    artificial_pressure: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.0, description="k of the paper's s_corr, which keeps particles apart; 0: none"
-    )
-    xsph: Fraction = Field(0.0, description="share of the neighbours' velocity that is taken over in a step")
-
-
-class WcsphParams(Params):
-    """Weakly compressible SPH: pressure from density (Tait), no iterations, short steps."""
-
-    sound_speed: Positive | None = Field(
-        None, description="speed of sound [m/s]; ten times the fastest flow expected where left out"
-    )
-    gamma: Annotated[float, Field(ge=1, le=10)] = Field(7.0, description="exponent of Tait's equation")
-
-
 class FluidParams(SystemParams):
     """A liquid of particles."""
 
@@ -155,6 +106,10 @@ class FluidParams(SystemParams):
     )
     density: Density = Field(1000.0, description="density at rest [kg/m3]")
     viscosity: Viscosity = Field(1.0e-6, description="kinematic viscosity [m2/s]; water 1e-6, honey 5e-3")
+    artificial_viscosity: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.1,
+        description="viscosity that is added to calm single particles, part of spacing x sqrt(gravity x spacing)",
+    )
     surface_tension: Annotated[float, Field(ge=0, le=1e4)] = Field(
         0.0, description="surface tension [N/m]; water 0.0728"
     )
@@ -191,6 +146,12 @@ class FluidParams(SystemParams):
     def support_radius(self) -> float:
         """Reach of the smoothing kernel, h [m]."""
         return self.support * self.spacing
+
+    @property
+    def calming(self) -> float:
+        """Kinematic viscosity that is added to that of every phase [m2/s]."""
+        gravity = math.hypot(*self.at(0.0).gravity)
+        return self.artificial_viscosity * self.spacing * math.sqrt(gravity * self.spacing)
 
     @property
     def cell_volume(self) -> float:
@@ -239,8 +200,8 @@ class FluidParams(SystemParams):
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
         """Bounds have room, blocks lie within them, bodies exist; ValueError says which does not."""
-        self._check_width(bounds)
-        self._check_blocks(bounds)
+        _check_width(self, bounds)
+        _check_blocks(self, bounds)
         named = [(f"walls.bodies.{name}", name) for name in self.walls.bodies]
         named += [
             (f"emitters.{name}.on", one.on) for name, one in self.emitters.items() if one.on is not None
@@ -260,44 +221,6 @@ class FluidParams(SystemParams):
         emitters = [one.fastest(self.dimension) for one in self.emitters.values() if one.start == 0.0]
         sound = (self.wcsph.sound_speed or 0.0) if self.method == "wcsph" else 0.0
         return max([LEAST_SPEED, *blocks, *emitters]) + sound
-
-    def _check_width(self, bounds: Bounds) -> None:
-        if bounds.lower is None or bounds.upper is None:
-            return
-        for axis in range(self.dimension):
-            width = bounds.upper[axis] - bounds.lower[axis]
-            if self.spacing > width:
-                raise ValueError(
-                    f"spacing {self.spacing:g} m: larger than the bounds, which are {width:g} m "
-                    f"wide in {'xyz'[axis]}"
-                )
-            if bounds.kind == "periodic" and width < NARROWEST * self.support_radius:
-                raise ValueError(
-                    f"periodic bounds are {width:g} m wide in {'xyz'[axis]}: must be at least {NARROWEST:g} "
-                    f"support radii of {self.support_radius:g} m"
-                )
-
-    def _check_blocks(self, bounds: Bounds) -> None:
-        """What can be told without filling them."""
-        if bounds.lower is None or bounds.upper is None:
-            return
-        for name, block in self.blocks.items():
-            if isinstance(block, BoxBlock):
-                low, high = np.array(block.lower), np.array(block.upper)
-            elif isinstance(block, SphereBlock):
-                low, high = (np.array(block.centre) + sign * block.radius for sign in (-1.0, 1.0))
-            else:
-                continue
-            for axis in range(self.dimension):
-                for end, beyond in (
-                    (low[axis], bounds.lower[axis] - low[axis]),
-                    (high[axis], high[axis] - bounds.upper[axis]),
-                ):
-                    if beyond > ROUNDING * self.spacing and not block.carve:
-                        raise ValueError(
-                            f"blocks.{name}: reaches {beyond:.3g} m out of the bounds in {'xyz'[axis]}, "
-                            f"to {end:g} m"
-                        )
 
     @model_validator(mode="after")
     def _has_fluid(self) -> Self:
@@ -365,3 +288,42 @@ def _check_thickness(name: str, block: BoxBlock, spacing: float, dimension: int)
                 f"blocks.{name}: {thick:g} m in {'xyz'[axis]}, less than the spacing, {spacing:g} m: "
                 "it would hold nothing"
             )
+
+
+def _check_width(params: FluidParams, bounds: Bounds) -> None:
+    """ValueError where the bounds have no room for a particle, or a particle would meet another twice."""
+    if bounds.lower is None or bounds.upper is None:
+        return
+    for axis in range(params.dimension):
+        width = bounds.upper[axis] - bounds.lower[axis]
+        if params.spacing > width:
+            raise ValueError(
+                f"spacing {params.spacing:g} m: larger than the bounds, which are {width:g} m "
+                f"wide in {'xyz'[axis]}"
+            )
+        if bounds.kind == "periodic" and width < NARROWEST * params.support_radius:
+            raise ValueError(
+                f"periodic bounds are {width:g} m wide in {'xyz'[axis]}: must be at least {NARROWEST:g} "
+                f"support radii of {params.support_radius:g} m"
+            )
+
+
+def _check_blocks(params: FluidParams, bounds: Bounds) -> None:
+    """ValueError where a box or a ball reaches out of the bounds: that is told without filling it."""
+    if bounds.lower is None or bounds.upper is None:
+        return
+    for name, block in params.blocks.items():
+        if isinstance(block, BoxBlock):
+            low, high = np.array(block.lower), np.array(block.upper)
+        elif isinstance(block, SphereBlock):
+            low, high = (np.array(block.centre) + sign * block.radius for sign in (-1.0, 1.0))
+        else:
+            continue
+        for axis in range(params.dimension):
+            below, above = bounds.lower[axis] - low[axis], high[axis] - bounds.upper[axis]
+            if max(below, above) > ROUNDING * params.spacing and not block.carve:
+                end = low[axis] if below > above else high[axis]
+                raise ValueError(
+                    f"blocks.{name}: reaches {max(below, above):.3g} m out of the bounds in "
+                    f"{'xyz'[axis]}, to {end:g} m"
+                )

@@ -3,6 +3,7 @@
     position [m], velocity [m/s]    (3, capacity), in storage order, sorted by cell
     warm     pressures [Pa] that the next solves start from: of the density and of the divergence
     phase    index into `rest_density` [kg/m^3]
+    viscous  change of the velocity by viscosity in the last step [m/s]; only where the viscosity is implicit
 
 All particles have the same `volume` V [m^dim], whatever their phase: d^dim over the sum of the kernel on
 the cubic lattice, so that a resting lattice has the relative density delta = sum_j V W_ij = 1.
@@ -18,6 +19,7 @@ from tianim.math.smoothing import cubic_scale, lattice_sum
 from tianim.spatial.columns import Columns
 
 WIDTHS = {"position": 3, "velocity": 3, "warm": 2, "phase": -1}
+CHANGE = "viscous"
 
 
 class Particles:
@@ -29,11 +31,17 @@ class Particles:
     """
 
     def __init__(
-        self, room: int, dimension: int, spacing: float, support: float, rest_density: NDArray[np.float32]
+        self,
+        room: int,
+        dimension: int,
+        spacing: float,
+        support: float,
+        rest_density: NDArray[np.float32],
+        viscous: bool = False,
     ) -> None:
-        """Room for so many particles, of which there are none yet."""
+        """Room for so many particles, of which there are none yet; `viscous`: with that column."""
         self.dimension, self.spacing, self.h = dimension, spacing, support * spacing
-        self.columns = Columns(0, WIDTHS, room=room)
+        self.columns = Columns(0, {**WIDTHS, CHANGE: 3} if viscous else WIDTHS, room=room)
         capacity = self.columns.capacity
         self.scale = cubic_scale(self.h, dimension)
         self.volume = spacing**dimension / lattice_sum(support, dimension)

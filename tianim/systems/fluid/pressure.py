@@ -1,239 +1,80 @@
 """The pressures that keep a fluid from being compressed: one linear system, solved for two ends.
 
-    a_i = -(1/rho_i) [ sum_j (P_i + P_j) G_ij + 2 P_i g_i ],        g_i = grad lambda_i of the walls
+    a_i = -(1/rho_i) [ sum_j (P_i + P_j) G_ij + P_i g_i ],          g_i = grad lambda_i of the walls
     (A P)_i = sum_j G_ij . (a_i - a_j) + g_i . a_i                  what P does to the rate of delta
     find P >= 0 with  r_i = b_i + (A P)_i <= 0,  equal where P_i > 0
 
-by relaxed Jacobi iterations, P_i <- max(0, P_i + omega r_i / D_i), D the diagonal of -A. After DFSPH
-(Bender & Koschier 2017, doi:10.1109/TVCG.2016.2578335) there are two solves a step:
+After DFSPH (Bender & Koschier 2017, doi:10.1109/TVCG.2016.2578335) there are two solves a step:
 
-    motion   b = (D delta / D t) / dt + min(delta - 1, 0) / dt^2     the velocities get dt a
-    drift    b = (D delta / D t) / dt + (delta - 1) / dt^2           the places get dt^2 a, velocities nothing
+    motion   b = (D delta / D t) / dt - what gaps may shut      the velocities get dt a
+    drift    b = (D delta / D t) / dt + (delta - 1) / dt^2      the places get dt^2 a, velocities nothing
 
 The first makes the velocities free of divergence where the fluid is dense, and lets what is apart come
-together; it starts from the pressures of the last step, and its P is the pressure in Pa. The second takes
-away what compression is left. In DFSPH that becomes velocity: a start that is 1 % too dense then bursts at
-metres a second. As a mere displacement it feeds no energy into the fluid.
+together; its P is the pressure in Pa. The second takes away what compression is left. In DFSPH that
+becomes velocity: a start that is 1 % too dense then bursts at metres a second. As a mere displacement it
+feeds no energy into the fluid. Forces are the transpose of rates, walls included, so that pressures
+do no work on a flow that keeps its density; a mirror at the wall, 2 P_i g_i, would stir a tank at rest.
 
-An iteration is two passes over the stored pairs: accelerations, then pressures. The whole solve is one
-kernel, in which tasks meet at barriers (see crew.py). The error is the mean of max(r, 0) dt^2, the relative
-compression that is left.
+Solved by projected Jacobi iterations, P <- max(0, P + omega r / D), D the diagonal of -A, omega one
+over the largest eigenvalue of D^-1 A, hastened by
+Nesterov's momentum, begun anew where it leads uphill (O'Donoghue & Candes 2015,
+doi:10.1007/s10208-013-9150-3); from the pressures of the last step. An iteration is two passes over the
+stored pairs: accelerations, then pressures. The whole solve is one kernel, in which tasks meet at
+barriers (see crew.py). The error is the mean of what is left of r, dt^2 |r| where P > 0 or r > 0: pressure
+that is too high counts as well as compression, for it too becomes velocity.
+
+Where space is periodic along all axes there need be no surface, and pressures are of both signs in dense
+fluid: of its pressure only differences are known, and a fluid that cannot pull would tear in every whirl.
 """
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
-from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.systems.fluid.crew import MOST_TURNS, Crew, first_of, last_of, meet, pieces, take
+import numpy as np
+
+from tianim.lang import ti
+from tianim.math.smoothing import cubic_slopes
+from tianim.systems.fluid.crew import MOST_TURNS, PIECE, Crew
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.particles import Particles
+from tianim.systems.fluid.pressure_passes import (
+    ACCELERATE,
+    DRIFT,
+    FINISH,
+    MOTION,
+    PREPARE,
+    RELAX,
+    launch,
+    solve,
+)
 
-MOTION, DRIFT = 0, 1
-RELAXATION = 0.5
+__all__ = ["DRIFT", "MOTION", "PressureSolver", "Solved"]
+
 # Diagonals below this part of that of a particle with one neighbour belong to lone particles.
 LONE = 1e-6
+UNBOUNDED = 1e30
+WAVES = 25  # along each axis, in the search for the largest eigenvalue
 MOST_ITERATIONS = (MOST_TURNS - 4) // 2
 
 
-@ti.func
-def prepare(
-    stage: ti.template(),
-    i,
-    dt,
-    inverse_rho: ti.template(),
-    phase: ti.template(),
-    begin: ti.template(),
-    end: ti.template(),
-    neighbour: ti.template(),
-    gradient: ti.template(),
-    wall: ti.template(),
-    flux: ti.template(),
-    v: ti.template(),
-    density: ti.template(),
-    diagonal: ti.template(),
-    source: ti.template(),
-    lone,
-    warm: ti.template(),
-):
-    """Source and first pressure of particle i, in the first stage the diagonal too; gives max(b, 0)."""
-    a, b, c = v[0, i], v[1, i], v[2, i]
-    rate, square = 0.0, 0.0
-    s = ti.Vector([0.0, 0.0, 0.0])
-    for k in range(begin[i], end[i]):
-        j = neighbour[k]
-        x, y, z = gradient[0, k], gradient[1, k], gradient[2, k]
-        rate += x * (a - v[0, j]) + y * (b - v[1, j]) + z * (c - v[2, j])
-        if ti.static(stage == MOTION):
-            square += (x * x + y * y + z * z) * inverse_rho[phase[0, j]]
-            s[0] += x
-            s[1] += y
-            s[2] += z
-    g = ti.Vector([wall[0, i], wall[1, i], wall[2, i]])
-    rate += g[0] * a + g[1] * b + g[2] * c - flux[i]
-    if ti.static(stage == MOTION):
-        diagonal[i] = square + inverse_rho[phase[0, i]] * (s + g).dot(s + 2.0 * g)
-        source[i] = rate / dt + ti.min(density[i] - 1.0, 0.0) / (dt * dt)
-    else:
-        source[i] = rate / dt + (density[i] - 1.0) / (dt * dt)
-    return ti.select(diagonal[i] > lone, ti.max(source[i], 0.0), 0.0)
+# Particles out of order may have an eigenvalue somewhat larger than the lattice's.
+STABLE = 0.98
 
 
-@ti.func
-def accelerate(
-    i,
-    row: ti.template(),
-    inverse_rho: ti.template(),
-    phase: ti.template(),
-    begin: ti.template(),
-    end: ti.template(),
-    neighbour: ti.template(),
-    gradient: ti.template(),
-    wall: ti.template(),
-    warm: ti.template(),
-    push: ti.template(),
-):
-    """Acceleration of particle i by the pressures of now."""
-    p = warm[row, i]
-    x, y, z = 2.0 * p * wall[0, i], 2.0 * p * wall[1, i], 2.0 * p * wall[2, i]
-    for k in range(begin[i], end[i]):
-        both = p + warm[row, neighbour[k]]
-        x += both * gradient[0, k]
-        y += both * gradient[1, k]
-        z += both * gradient[2, k]
-    w = -inverse_rho[phase[0, i]]
-    push[0, i], push[1, i], push[2, i] = w * x, w * y, w * z
-
-
-@ti.func
-def relax(
-    i,
-    row: ti.template(),
-    lone,
-    begin: ti.template(),
-    end: ti.template(),
-    neighbour: ti.template(),
-    gradient: ti.template(),
-    wall: ti.template(),
-    diagonal: ti.template(),
-    source: ti.template(),
-    warm: ti.template(),
-    push: ti.template(),
-):
-    """One relaxation of the pressure of particle i; how much it was compressed before, max(r, 0)."""
-    a, b, c = push[0, i], push[1, i], push[2, i]
-    r = source[i] + wall[0, i] * a + wall[1, i] * b + wall[2, i] * c
-    for k in range(begin[i], end[i]):
-        j = neighbour[k]
-        r += (
-            gradient[0, k] * (a - push[0, j])
-            + gradient[1, k] * (b - push[1, j])
-            + gradient[2, k] * (c - push[2, j])
-        )
-    d = diagonal[i]
-    p = ti.max(warm[row, i] + RELAXATION * r / ti.max(d, lone), 0.0)
-    warm[row, i] = ti.select(d > lone, p, 0.0)
-    return ti.select(d > lone, ti.max(r, 0.0), 0.0)
-
-
-@ti.func
-def mean_of(which, n, sums: ti.template()):
-    """Mean over the particles of what was summed by piece."""
-    total = 0.0
-    for k in range(pieces(n)):
-        total += sums[which, k]
-    return total / n
-
-
-@ti.kernel
-def solve(
-    stage: ti.template(),
-    n: ti.i32,
-    dt: ti.f32,
-    lone: ti.f32,
-    tolerance: ti.f32,
-    least: ti.i32,
-    most: ti.i32,
-    tasks: ti.i32,
-    stride: ti.i32,
-    crew: i32_1d,
-    sums: f32_2d,
-    inverse_rho: f32_1d,
-    phase: i32_2d,
-    begin: i32_1d,
-    end: i32_1d,
-    neighbour: i32_1d,
-    gradient: f32_2d,
-    wall: f32_2d,
-    flux: f32_1d,
-    density: f32_1d,
-    diagonal: f32_1d,
-    source: f32_1d,
-    warm: f32_2d,
-    push: f32_2d,
-    v: f32_2d,
-    pressure: f32_1d,
-    report: f32_1d,
-):
-    """Prepare, iterate until the mean compression is at most `tolerance`; in the first stage v gets dt a.
-
-    In the second, dt^2 `push` is the displacement, and there is none where it takes no iterations.
-    report: iterations, mean compression that is left, and without any pressure.
-    """
-    for block in range(tasks * stride):
-        if block % stride == 0:
-            turn = 0
-            piece = take(crew, turn)
-            while piece < pieces(n):
-                total = 0.0
-                for i in range(first_of(piece), last_of(piece, n)):
-                    total += prepare(
-                        stage, i, dt, inverse_rho, phase, begin, end, neighbour, gradient, wall,
-                        flux, v, density, diagonal, source, lone, warm,
-                    )  # fmt: skip
-                sums[1, piece] = total
-                piece = take(crew, turn)
-            meet(crew, tasks)
-            error = mean_of(1, n, sums) * dt * dt
-            if block == 0:
-                report[2] = error
-            iteration = 0
-            working = stage == MOTION or error > tolerance
-            while working:
-                turn += 1
-                piece = take(crew, turn)
-                while piece < pieces(n):
-                    for i in range(first_of(piece), last_of(piece, n)):
-                        accelerate(
-                            i, stage, inverse_rho, phase, begin, end, neighbour, gradient, wall, warm, push
-                        )
-                    piece = take(crew, turn)
-                meet(crew, tasks)
-                turn += 1
-                piece = take(crew, turn)
-                while piece < pieces(n):
-                    total = 0.0
-                    for i in range(first_of(piece), last_of(piece, n)):
-                        total += relax(
-                            i, stage, lone, begin, end, neighbour, gradient, wall, diagonal, source, warm, push
-                        )
-                    sums[iteration % 2, piece] = total
-                    piece = take(crew, turn)
-                meet(crew, tasks)
-                error = mean_of(iteration % 2, n, sums) * dt * dt
-                iteration += 1
-                working = iteration < most and (error > tolerance or iteration < least)
-            if ti.static(stage == MOTION):
-                turn += 1
-                piece = take(crew, turn)
-                while piece < pieces(n):
-                    for i in range(first_of(piece), last_of(piece, n)):
-                        pressure[i] = warm[stage, i]
-                        for c in ti.static(range(3)):
-                            v[c, i] += dt * push[c, i]
-                    piece = take(crew, turn)
-            if block == 0:
-                report[0] = iteration
-                report[1] = error
+@lru_cache(maxsize=8)
+def largest_eigenvalue(support: float, dimension: int) -> float:
+    """Of D^-1 A on the lattice: over all waves k, |sum_j G_j sin(k . x_j)|^2 / sum_j |G_j|^2."""
+    reach = np.arange(-math.ceil(support), math.ceil(support) + 1.0)
+    x = np.stack(np.meshgrid(*[reach] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    r = np.linalg.norm(x, axis=1)
+    x, r = x[(r > 0.0) & (r < support)], r[(r > 0.0) & (r < support)]
+    gradient = (cubic_slopes(r / support) / r)[:, None] * x
+    wave = np.linspace(0.0, math.pi, WAVES)
+    k = np.stack(np.meshgrid(*[wave] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    amplitude = np.sin(k @ x.T) @ gradient
+    return float((amplitude**2).sum(axis=1).max() / (gradient**2).sum())
 
 
 @dataclass(frozen=True)
@@ -251,29 +92,65 @@ class PressureSolver:
     push  their acceleration after a solve [m/s2], (3, capacity)
     """
 
-    def __init__(self, particles: Particles, pairs: Pairs, walls: Any) -> None:
+    def __init__(self, particles: Particles, pairs: Pairs, walls: Any, full: bool = False) -> None:
+        """`full`: no surface is anywhere, so that pressures are of both signs."""
         self._particles, self._pairs, self._walls = particles, pairs, walls
         capacity = particles.columns.capacity
         self._crew = Crew(capacity)
         self._diagonal: Any = ti.ndarray(ti.f32, capacity)
         self._source: Any = ti.ndarray(ti.f32, capacity)
+        self._last: Any = ti.ndarray(ti.f32, capacity)
         self.push: Any = ti.ndarray(ti.f32, (3, capacity))
         self._report: Any = ti.ndarray(ti.f32, 3)
         rho = particles.rest_density.to_numpy()
         self._inverse_rho: Any = ti.ndarray(ti.f32, len(rho))
         self._inverse_rho.from_numpy((1.0 / rho).astype(rho.dtype))
+        self._relaxation = STABLE / largest_eigenvalue(particles.h / particles.spacing, particles.dimension)
+        self._lowest = -UNBOUNDED if full else 0.0
         self._lone = LONE / (float(rho.max()) * particles.h**2)
 
     def solve(self, stage: int, dt: float, tolerance: float, least: int, most: int) -> Solved:
-        """Solve one of the two systems; the divergence comes first, for it prepares the diagonal."""
-        particles, pairs, walls, crew = self._particles, self._pairs, self._walls, self._crew
+        """Solve for the motion or the drift; the motion comes first, for it prepares the diagonal."""
+        crew, report, n = self._crew, self._report, self._particles.count
+        most = min(most, MOST_ITERATIONS)
+        if not crew.works:
+            return self._solve_by_passes(stage, dt, tolerance, least, most)
         crew.begin()
         solve(
-            stage, particles.count, dt, self._lone, tolerance, least,
-            min(most, MOST_ITERATIONS), crew.tasks, crew.stride, crew.array, crew.sums, self._inverse_rho,
-            particles["phase"], pairs.begin, pairs.end, pairs.neighbour, pairs.gradient, walls.gradient,
-            walls.flux, particles.density, self._diagonal, self._source, particles["warm"], self.push,
-            particles["velocity"], particles.pressure, self._report,
+            stage, n, dt, self._lone, self._lowest, self._relaxation, tolerance, least, most,
+            crew.tasks_for(n), crew.stride, crew.array, crew.sums, *self._arrays(), report,
         )  # fmt: skip
-        iterations, error, first = (float(value) for value in self._report.to_numpy())
+        iterations, error, first = (float(value) for value in report.to_numpy())
         return Solved(int(iterations), error, first)
+
+    def _solve_by_passes(self, stage: int, dt: float, tolerance: float, least: int, most: int) -> Solved:
+        """The same, a launch a pass."""
+        first = error = self._launch(PREPARE, stage, dt, 0.0)[0]
+        iterations, pace, momentum = 0, 1.0, 0.0
+        while iterations < most and (error > tolerance or (stage == MOTION and iterations < max(least, 1))):
+            self._launch(ACCELERATE, stage, dt, momentum)
+            error, progress = self._launch(RELAX, stage, dt, momentum)
+            faster = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace * pace))
+            pace, momentum = (faster, (pace - 1.0) / faster) if progress >= 0.0 else (1.0, 0.0)
+            iterations += 1
+        if stage == MOTION:
+            self._launch(FINISH, stage, dt, momentum)
+        return Solved(iterations, error, first)
+
+    def _launch(self, work: int, stage: int, dt: float, momentum: float) -> tuple[float, float]:
+        """One pass; what is left of r as a compression, and the progress, means over the particles."""
+        n, sums = self._particles.count, self._crew.sums
+        launch(
+            work, stage, n, dt, self._lone, self._lowest, self._relaxation, momentum, sums, *self._arrays()
+        )
+        left, progress = sums.to_numpy()[:2, : -(-n // PIECE)].sum(axis=1, dtype=np.float64) / n
+        return float(left) * dt * dt, float(progress)
+
+    def _arrays(self) -> tuple[Any, ...]:
+        """What every pass reads and writes, as the kernels take them."""
+        particles, pairs, walls = self._particles, self._pairs, self._walls
+        return (
+            self._inverse_rho, particles["phase"], pairs.begin, pairs.end, pairs.neighbour, pairs.gradient,
+            walls.gradient, walls.flux, particles.density, self._diagonal, self._source, particles["warm"],
+            self._last, self.push, particles["velocity"], particles.pressure,
+        )  # fmt: skip

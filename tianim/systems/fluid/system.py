@@ -23,11 +23,16 @@ from tianim.systems.fluid.dfsph import Dfsph
 from tianim.systems.fluid.emitters import Emitters
 from tianim.systems.fluid.fill import fill
 from tianim.systems.fluid.forces import Forces
+from tianim.systems.fluid.gauge_params import ForceGauge
+from tianim.systems.fluid.gauges import Gauges, Reading
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
+from tianim.systems.fluid.pbf import Pbf
 from tianim.systems.fluid.sinks import Sinks
+from tianim.systems.fluid.viscosity import may_be_implicit
 from tianim.systems.fluid.walls import Walls
+from tianim.systems.fluid.wcsph import Wcsph
 
 # Beyond this a particle has escaped: no scene is that large or fast.
 ESCAPE = 1e6
@@ -47,7 +52,7 @@ class Method(Protocol):
         """Numbers of the last step."""
 
 
-METHODS: dict[str, Any] = {"dfsph": Dfsph}
+METHODS: dict[str, Any] = {"dfsph": Dfsph, "pbf": Pbf, "wcsph": Wcsph}
 
 
 @ti.kernel
@@ -74,7 +79,9 @@ class Fluid:
         count = len(filled.position)
         room = max(params.capacity or count + params.emitted_count(), 1)
         rest_density = np.array([phase.density for phase in params.all_phases()], np.float32)
-        self.particles = Particles(room, params.dimension, params.spacing, params.support, rest_density)
+        self.particles = Particles(
+            room, params.dimension, params.spacing, params.support, rest_density, may_be_implicit(params)
+        )
         self.particles.columns.append(
             count,
             {
@@ -91,6 +98,11 @@ class Fluid:
         self.method: Method = method(params, self.particles, pairs, self.walls, self.forces)
         self.emitters = Emitters(name, params, world.bounds, world.bodies, world.seed)
         self.sinks = Sinks(params, self.particles.columns.capacity)
+        self.gauges = Gauges(params, world.bounds)
+        self._watched = {one.body for one in params.gauges.values() if isinstance(one, ForceGauge)}
+        self._impulse = {body: np.zeros(3) for body in self._watched}
+        self._elapsed = 0.0
+        self._read = False
         self.clamped = 0
 
     @property
@@ -110,6 +122,19 @@ class Fluid:
         if self.count:
             self.method.step(time, dt)
             self.clamped += self.method.clamped
+        self._watch(dt)
+
+    def _watch(self, dt: float) -> None:
+        """Add up what the watched bodies bear, from one frame to the next."""
+        if not self._watched:
+            return
+        if self._read:
+            self._read, self._elapsed = False, 0.0
+            self._impulse = {body: np.zeros(3) for body in self._watched}
+        self._elapsed += dt
+        impulses = self.walls.impulses()
+        for body in self._watched:
+            self._impulse[body] += impulses[body][:3]
 
     def snapshot(self) -> tuple[Points, ...]:
         """The particles, a part for each phase where there are several."""
@@ -153,16 +178,25 @@ class Fluid:
         values["density_error_max"] = float(compression.max())
         values |= self.method.diagnostics() | self.forces.diagnostics()
         values["clamped"] = float(self.clamped)
-        return values | self.emitters.diagnostics() | self.sinks.diagnostics()
+        return values | self.emitters.diagnostics() | self.sinks.diagnostics() | self._gauged()
+
+    def _gauged(self) -> dict[str, float]:
+        if not len(self.gauges):
+            return {}
+        self._read = True
+        n = self.count
+        columns = self.particles.columns
+        position, velocity = (columns[name].to_numpy()[:, :n].T for name in ("position", "velocity"))
+        force = {body: total / max(self._elapsed, 1e-30) for body, total in self._impulse.items()}
+        pressure, phase = self.particles.pressure.to_numpy()[:n], columns["phase"].to_numpy()[0, :n]
+        return self.gauges.read(Reading(position, velocity, pressure, phase, force))
 
     def check(self) -> None:
         """BlowupError for the lowest id that is not finite or farther or faster than ESCAPE."""
         if not self.count:
             return
         columns = self.particles.columns
-        fault = first_fault(
-            self.count, ESCAPE, columns["id"], columns["position"], columns["velocity"]
-        )
+        fault = first_fault(self.count, ESCAPE, columns["id"], columns["position"], columns["velocity"])
         if fault < 2**31 - 1:
             raise BlowupError(
                 self.name, fault, f"not finite, or farther than {ESCAPE:g} m or faster than {ESCAPE:g} m/s"
@@ -175,9 +209,7 @@ class Fluid:
             "density": self.particles.density.to_numpy()[: self.count],
             "pressure": self.particles.pressure.to_numpy()[: self.count],
         }
-        return (
-            self.particles.columns.state() | arrays | counted | self.emitters.state() | self.sinks.state()
-        )
+        return self.particles.columns.state() | arrays | counted | self.emitters.state() | self.sinks.state()
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
@@ -191,7 +223,7 @@ class Fluid:
         self.clamped = int(state["clamped"][0])
 
     def arrays(self) -> tuple[str, ...]:
-        """position and velocity can be set; density, pressure, phase and id are read."""
+        """All by name; position and velocity can be set; density, pressure, phase and id are read."""
         return ("position", "velocity", "density", "pressure", "phase", "id")
 
     def read(self, name: str) -> NDArray[Any]:

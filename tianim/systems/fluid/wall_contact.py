@@ -1,9 +1,10 @@
 """Contacts with walls: no particle goes through one, however fast, thin or moving.
 
-A particle is led along its path of a step, x + t v, in pieces no longer than half a spacing, with the walls
-where they are at that time. Where it would be nearer to a wall than `least`, or than it was at the start, it
-is put back along the normal, some sweeps over all walls; its velocity becomes what leads it there. Nothing
-bounces. Friction takes off the tangential motion up to the normal one times Coulomb's coefficient.
+A particle is led along its path of a step, x + t v, in pieces too short to pass the middle of anything
+thin, with the walls where they are at that time. Where it would be nearer to a wall than `least`, or than
+it was at the start, it is put back along the normal, some sweeps over all walls; its velocity becomes what
+leads it there. Nothing bounces. Friction takes off the tangential motion, up to the normal one times
+Coulomb's coefficient.
 
 What the particle loses the wall gets, as an impulse at the place of contact.
 """
@@ -15,8 +16,8 @@ from tianim.systems.fluid.wall_shares import COULOMB
 
 # Sweeps over all walls: a corner of three needs three, edges of grids some more.
 SWEEPS = 6
-# A path is followed in so many pieces at the most: 32 spacings a step.
-MOST_PIECES = 64
+# A path is followed in so many pieces at the most: 50 spacings a step past the thinnest things.
+MOST_PIECES = 256
 # Deeper than `least`, a particle may stay as deep as it is, less this part of `least` a step: rounding
 # errors must not lead it in, and a place that it was given must not throw it out.
 CREEP = 0.004
@@ -103,8 +104,11 @@ def led_along(
     table: ti.template(), samples: ti.template(), starts: ti.template(), sums: ti.template(),
     task, count, k, p, u, dt, least, pieces, mass,
 ):  # fmt: skip
-    """Where a particle of `mass` that leaves `p` with velocity `u` is after `dt`; walls get the impulses."""
-    at = p
+    """Where a particle of `mass` that leaves `p` with velocity `u` is after `dt`, and 1 where walls led it.
+
+    They get the impulses.
+    """
+    at, contact = p, 0.0
     move = u * dt / pieces
     for piece in range(pieces):
         ahead = dt * (piece + 1) / pieces
@@ -121,7 +125,7 @@ def led_along(
                 allowed = ti.min(least, starts[task, 2 * b] + CREEP * least)
                 depth = allowed - hit.w + ahead * starts[task, 2 * b + 1]
                 if depth > 0.0:
-                    touched = 1
+                    touched, contact = 1, 1.0
                     wall = (dt / pieces) * rigid_velocity(table, b, at, ahead)
                     coulomb = table[b, COULOMB]
                     placed = began + wall + rubbed(at + depth * n - began - wall, n, depth, coulomb)
@@ -132,7 +136,7 @@ def led_along(
                     at, move = placed, turned
             if touched == 0:
                 sweep = SWEEPS
-    return at
+    return ti.Vector([at.x, at.y, at.z, contact])
 
 
 @ti.kernel
@@ -178,8 +182,9 @@ def hold_velocities(
                             end = led_along(
                                 table, samples, starts, sums, task, count, k, p, u, dt, least, pieces, mass
                             )
-                            for c in ti.static(range(3)):
-                                v[c, i] = (end[c] - p[c]) / dt
+                            if end.w > 0.0:
+                                for c in ti.static(range(3)):
+                                    v[c, i] = (end[c] - p[c]) / dt
                 k += tasks
 
 

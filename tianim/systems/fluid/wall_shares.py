@@ -1,7 +1,7 @@
 """Walls in kernels: rows of the wall table, and the share of a particle's surroundings that is solid.
 
 A wall's row is its body's row (see `spatial.bodies`) and three columns more. Lengths are divided by the
-support of the kernel that walls see (`wall_tables.wall_support`).
+distance up to which walls are felt (`wall_tables.reach`), called `support` here.
 
 Half spaces and containers may reach through each other (the corner of a tank made of planes): they leave
 free what each of them leaves free, 1 - prod (1 - lambda_b). Solids do not overlap, and are added.
@@ -65,8 +65,10 @@ def _capsule_share(shares: ti.template(), p, half, radius):
     ball = curved(shares, BALL, s, 1.0 / radius)
     beyond, change, rod = 1.0, 0.0, ball
     if half > 0.0:
-        beyond = look_up(shares, BALL, half - ti.abs(p.y))
-        change = -look_up(shares, BALL_SLOPE, half - ti.abs(p.y)) * ti.select(p.y < 0.0, -1.0, 1.0)
+        past = ti.abs(p.y) - half
+        beyond = ti.max(ti.min(0.5 + 0.5 * past, 1.0), 0.0)
+        if ti.abs(past) < 1.0:
+            change = ti.select(p.y < 0.0, -0.5, 0.5)
         rod = curved(shares, ROD, s, 1.0 / radius)
     both = beyond * ball + (1.0 - beyond) * rod
     g = both[1] * arm / ti.max(r, 1e-6)

@@ -1,22 +1,32 @@
-"""Shares: how much of a particle's surroundings is solid, by integrals of the kernel made beforehand.
+"""Shares: how much of a particle's surroundings a wall takes, as tables over the distance.
 
-The share of a half space at distance s is the integral of W beyond a plane. But particles do not fill
-space evenly: none is nearer to another than about a spacing d. On the cubic lattice the layers that a wall
-at d/2 from the first layer takes the place of weigh 0.150 (support 2 d), the half space 0.188: a fluid
-before such a wall would stand 4 % too dense, and be driven off. So walls see the kernel with a smaller
-support, `wall_support`, such that the half space weighs what the missing layers do (1.71 d instead of 2 d).
-That one number sets right the slope too (0.497 for 0.510 per d), and the second layer, which misses nothing.
+At the first layer, half a spacing d from a wall, two numbers are given:
 
-All lengths here are in that support. With curvature k = 1/R (k = 0 the plane), a sphere of radius r about
-the particle is covered by a ball (solid cylinder, disc in two dimensions) at distance s from it by
+    lambda = c    what the lattice of the fluid misses there: its layers on the wall's side, 0.150 for a
+                  support of 2 d. Then every layer of a lattice before a plane has density 1. (The integral of
+                  the kernel over the half space is 0.188: particles do not fill space evenly, none is nearer
+                  than about d. A fluid before such a wall would stand 4 % too dense, and be driven off.)
+    lambda' = -1/d  A particle of the first layer has d^2 of the wall and bears P d^2 for all the fluid behind
+                  it. The wall's force on it is V P grad lambda, the transpose of what makes it (pressure.py).
+
+The share falls off as a square, which has both and ends smoothly at d/2 + 2 c d, 0.8 d, before the second
+layer, which misses nothing:
+
+    law(z) = c ((d/2 + 2 c d - z) / (2 c d))^2        at most 1/2; beyond the surface 1 - law(-z)
+
+A wall that is curved, of radius R, has the same law times a part: the integral of the kernel over it seen
+from the first layer, over that for a plane. A sphere of radius r about a particle at distance s is covered
+by a ball (solid cylinder, disc in two dimensions), with k = 1/R, to the parts
 
     ball   (r - s)(2 + k (s - r)) / (4 r (1 + k s))
     rod    acos( (s (2 + k s) + k r^2) / (2 r (1 + k s)) ) / pi     of a circle about it, across the axis
 
-A box is a product of slabs, each 1 less two half spaces: a product of shares, which is exact for a kernel
-that is a product. The cubic spline is none; what is left over, E(s, t) = share of a quadrant - L(s) L(t),
-is odd in s and in t and, to 1e-4, itself a product, E = -A(s) A(t). A is scaled such that the edge of a
-lattice is right; its corner then is so as well (0.6063 for 0.6066).
+The kernel of these integrals has a smaller support (1.71 d for 2 d), such that a half space weighs c.
+
+A box is a product of slabs, each 1 less two half spaces. The lattice is no product: an edge takes 0.0191 of
+it, not c^2 = 0.0224. What is left over, E(s, t) = share of a quadrant - L(s) L(t), is odd in s and in t;
+for the kernel it is itself a product, -A(s) A(t), to 1e-4. So here, with A = law sqrt(c^2 - edge) / c; a
+corner of the lattice then comes out as well (0.6063 for 0.6066).
 """
 
 import math
@@ -31,42 +41,73 @@ from tianim.math.smoothing import cubic_scale, cubic_values, lattice_sum
 
 Floats = NDArray[np.float64]
 
-# Samples of a table on each side of s = 0, up to 1 support; linear between them (error 1e-4).
+# Samples of a table on each side of s = 0, up to 1 reach; linear between them (error 1e-4).
 HALF = 96
 COLUMNS = 2 * HALF + 1
-# Curvatures (support over radius) 0, 1/4 ... 4: the last is a wire thinner than a spacing.
+# Curvatures (reach over radius) 0, 1/4 ... 4: the last is a wire thinner than half a spacing.
 CURVATURE_STEP = 0.25
 CURVATURES = 17
-# Rows: for curvature k 4 k + these; slopes are per support.
+# Rows: for curvature k 4 k + these; slopes are per reach.
 BALL, BALL_SLOPE, ROD, ROD_SLOPE = 0, 1, 2, 3
 CORNER = 4 * CURVATURES  # A
 CORNER_SLOPE = CORNER + 1
 ROWS = CORNER + 2
+FIRST = 0.5  # distance of the first layer [spacings]
+# Nearer to a wall than so many spacings the share is 1/2. Contacts keep particles out of there; the slope
+# that they feel at it stays for those a little nearer, and ends where the edges of solids are looked up.
+CLOSEST, SLOPES_END = 0.25, 0.1
 RADII = 800  # steps of the integrals over r
 
 
-@lru_cache(maxsize=8)
-def wall_support(support: float, dimension: int) -> float:
-    """Support of the kernel that walls see, in spacings, where the particles' is `support` spacings."""
-    missing = _lattice_share(support, dimension, 1)
-    smallest, largest = 0.55, 2.0 * support
-    return float(brentq(lambda h: _half_space(0.5 / h, dimension) - missing, smallest, largest, xtol=1e-6))
+def reach(support: float, dimension: int) -> float:
+    """Where shares end [spacings], for particles whose kernel has a support of `support` spacings."""
+    return FIRST + 2.0 * _lattice_share(support, dimension, 1)
 
 
 @lru_cache(maxsize=8)
 def share_tables(support: float, dimension: int) -> NDArray[np.float32]:
-    """The table that kernels look up, (ROWS, COLUMNS), for particles of `support` spacings."""
+    """The table that kernels look up, (ROWS, COLUMNS), over distances in reaches."""
     s = np.linspace(-1.0, 1.0, COLUMNS)
+    missing, unit = _lattice_share(support, dimension, 1), reach(support, dimension)
+    law, slope = share_law(np.abs(s) * unit, missing)
     rows = np.zeros((ROWS, COLUMNS))
     for k in range(CURVATURES):
-        curvature = CURVATURE_STEP * k
-        rows[4 * k + ROD] = _share(s, curvature, dimension, "rod")
-        rows[4 * k + BALL] = _share(s, curvature, dimension, "ball") if dimension == 3 else rows[4 * k + ROD]
-    rows[BALL] = rows[ROD] = 0.5 * (rows[BALL] + 1.0 - rows[BALL, ::-1])  # a plane has no front
-    rows[CORNER] = _corner_excess(s, rows[BALL], support, dimension)
-    for row in (*range(BALL, CORNER, 4), *range(ROD, CORNER, 4), CORNER):
-        rows[row + 1] = np.gradient(rows[row], s, edge_order=2)
+        for kind, row in (("ball", 4 * k + BALL), ("rod", 4 * k + ROD)):
+            curvature = CURVATURE_STEP * k / unit
+            solid, container = _parts(curvature, support, dimension, kind if dimension == 3 else "rod")
+            rows[row] = np.where(s >= 0.0, solid * law, 1.0 - container * law)
+            rows[row + 1] = np.where(s >= 0.0, solid, container) * slope * unit
+    edge = math.sqrt(max(missing**2 - _lattice_share(support, dimension, 2), 0.0)) / missing
+    rows[CORNER], rows[CORNER_SLOPE] = np.sign(s) * edge * law, edge * slope * unit
     return rows.astype(np.float32)
+
+
+def share_law(z: Floats, missing: float) -> tuple[Floats, Floats]:
+    """Share of a plane at distances `z` >= 0 [spacings], and its slope per spacing."""
+    width = 2.0 * missing
+    left = np.maximum(FIRST + width - np.maximum(z, CLOSEST), 0.0) / width
+    kept = np.clip(2.0 * (z - SLOPES_END) / (CLOSEST - SLOPES_END), 0.0, 1.0)
+    return np.minimum(missing * left**2, 0.5), -left * kept
+
+
+def _parts(curvature: float, support: float, dimension: int, kind: str) -> tuple[float, float]:
+    """Of a plane's share, that of a solid of `curvature` [1/spacing], and of a container."""
+    unit = _wall_support(support, dimension)
+    at = np.array([FIRST, -FIRST]) / unit
+    before, behind = _share(at, curvature * unit, dimension, kind)
+    plane = _share(at[:1], 0.0, dimension, kind)[0]
+    return before / plane, (1.0 - behind) / plane
+
+
+@lru_cache(maxsize=8)
+def _wall_support(support: float, dimension: int) -> float:
+    """Support [spacings] of a kernel of which a half space takes what the lattice's first layer misses."""
+    missing = _lattice_share(support, dimension, 1)
+
+    def excess(unit: float) -> float:
+        return float(_share(np.array([FIRST / unit]), 0.0, dimension, "rod")[0]) - missing
+
+    return float(brentq(excess, 1.1 * FIRST, 2.0 * support, xtol=1e-6))
 
 
 @lru_cache(maxsize=2)
@@ -106,39 +147,19 @@ def _share(s: Floats, curvature: float, dimension: int, kind: str) -> Floats:
     return np.asarray(covered @ weight)
 
 
-def _half_space(s: float, dimension: int) -> float:
-    return float(_share(np.array([s]), 0.0, dimension, "rod")[0])
-
-
+@lru_cache(maxsize=32)
 def _lattice_share(support: float, dimension: int, axes: int) -> float:
     """What a lattice particle misses where all is gone that lies below it along each of `axes` axes."""
-    reach = math.ceil(support)
-    axis = np.arange(-reach, reach + 1)
+    axis = np.arange(-math.ceil(support), math.ceil(support) + 1)
     grid = np.stack(np.meshgrid(*[axis] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     gone = (grid[:, :axes] < 0).all(axis=1)
     weights = cubic_scale(support, dimension) * cubic_values(np.linalg.norm(grid, axis=1) / support)
     return float(weights[gone].sum() / lattice_sum(support, dimension))
 
 
-def _corner_excess(s: Floats, flat: Floats, support: float, dimension: int) -> Floats:
-    """A(s): shape from the kernel's quadrants with s = t, size from the lattice's edge."""
-    cells = 2 * HALF
-    centre = (np.arange(-cells, cells) + 0.5) / cells
-    weight = _marginal(np.hypot(centre[:, None], centre), dimension)
-    weight /= weight.sum()
-    quadrant = np.zeros((2 * cells + 1, 2 * cells + 1))
-    quadrant[:-1, :-1] = weight[::-1, ::-1].cumsum(axis=0).cumsum(axis=1)[::-1, ::-1]
-    half_space = quadrant[:, 0]
-    excess = np.maximum(half_space**2 - np.diag(quadrant), 0.0)[::2]
-    edge = _lattice_share(support, dimension, 1) ** 2 - _lattice_share(support, dimension, 2)
-    first = 0.5 / wall_support(support, dimension)
-    size = math.sqrt(max(edge, 0.0) / np.interp(first, s, excess))
-    return np.asarray(size * np.sign(s) * np.sqrt(excess))
-
-
 @ti.func
 def look_up(shares: ti.template(), row, s):
-    """The table's row `row` at distance `s` [supports]."""
+    """The table's row `row` at distance `s` [reaches]."""
     at = (ti.max(ti.min(s, 1.0), -1.0) + 1.0) * HALF
     column = ti.min(ti.cast(at, ti.i32), COLUMNS - 2)
     f = at - column
@@ -147,7 +168,7 @@ def look_up(shares: ti.template(), row, s):
 
 @ti.func
 def curved(shares: ti.template(), kind: ti.template(), s, curvature):
-    """Share and slope of a ball or rod at distance `s` [supports], of `curvature` [1/support]."""
+    """Share and slope of a ball or rod at distance `s` [reaches], of `curvature` [1/reach]."""
     at = ti.min(curvature / CURVATURE_STEP, CURVATURES - 1.0)
     k = ti.min(ti.cast(at, ti.i32), CURVATURES - 2)
     f = at - k
@@ -159,11 +180,14 @@ def curved(shares: ti.template(), kind: ti.template(), s, curvature):
 
 @ti.func
 def slab(shares: ti.template(), p, half):
-    """Share of |q| < `half` as seen from `p` [supports]; its slope; A and its slope."""
+    """Share of |q| < `half` as seen from `p` [reaches]; its slope; A and its slope."""
     above, below = half - p, half + p
-    return ti.Vector([
-        1.0 - look_up(shares, BALL, above) - look_up(shares, BALL, below),
-        look_up(shares, BALL_SLOPE, above) - look_up(shares, BALL_SLOPE, below),
-        look_up(shares, CORNER, above) + look_up(shares, CORNER, below),
-        look_up(shares, CORNER_SLOPE, below) - look_up(shares, CORNER_SLOPE, above),
-    ])  # fmt: skip
+    found = ti.Vector([1.0, 0.0, 0.0, 0.0])
+    if ti.min(above, below) < 1.0:  # most particles are near one pair of faces of a tank at the most
+        found = ti.Vector([
+            1.0 - look_up(shares, BALL, above) - look_up(shares, BALL, below),
+            look_up(shares, BALL_SLOPE, above) - look_up(shares, BALL_SLOPE, below),
+            look_up(shares, CORNER, above) + look_up(shares, CORNER, below),
+            look_up(shares, CORNER_SLOPE, below) - look_up(shares, CORNER_SLOPE, above),
+        ])  # fmt: skip
+    return found

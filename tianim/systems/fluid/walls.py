@@ -1,12 +1,11 @@
 """Walls of a fluid: the bounds and the bodies, as a share of density and as contacts.
 
 A wall fills part of a particle's surroundings: lambda, "share", adds to the relative density, its gradient
-points into the solid and carries the pressure (the wall mirrors it, so a resting fluid neither leaks nor is
-driven off):
+points into the solid and carries the pressure (see `wall_tables`):
 
     delta_i = sum_j V W_ij + lambda_i
-    a_i = ... - 2 P_i grad lambda_i / rho,            D delta_i / D t = ... + grad lambda_i . v_i - flux_i
-    flux_i = sum_b grad lambda_ib . v_b(x_i)          force on body b: 2 V P_i grad lambda_ib
+    a_i = ... - P_i grad lambda_i / rho,              D delta_i / D t = ... + grad lambda_i . v_i - flux_i
+    flux_i = sum_b grad lambda_ib . v_b(x_i)          force on body b: V P_i grad lambda_ib
 
 Pressure alone does not keep a lone particle out, for it and the wall make less than density 1: `hold` ends
 the velocity of what would come nearer than LEAST spacings (`wall_contact`).
@@ -20,54 +19,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, ti, workers
-from tianim.math.rotations import rotate_back
-from tianim.spatial.bodies import (
-    CELL,
-    CYLINDER,
-    FAR,
-    KIND,
-    MESH,
-    PLANE,
-    POSITION,
-    RATE,
-    ROTATION,
-    ROUNDED,
-    ROUNDING,
-    SHAPE,
-    SIGN,
-    SIZE,
-    SPIN,
-    VELOCITY,
-    WIDTH,
-    Bodies,
-    signed_distance,
-    surface_velocity,
-)
+from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti, workers
+from tianim.spatial.bodies import FAR, WIDTH, Bodies, signed_distance, surface_velocity
 from tianim.system import Bounds
-from tianim.systems.fluid import wall_shares
 from tianim.systems.fluid.params import Walls as WallParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.wall_contact import add_impulse, clamp_places, hold_velocities
-from tianim.systems.fluid.wall_shares import (
-    BOX,
-    BY_DISTANCE,
-    CAPSULE,
-    COULOMB,
-    FLAT,
-    FORM,
-    WALL_WIDTH,
-    body_share,
-    is_open_ended,
-)
-from tianim.systems.fluid.wall_tables import share_tables, wall_support
+from tianim.systems.fluid.wall_rows import half_thickness, largest_speed, pack_bounds, set_form
+from tianim.systems.fluid.wall_shares import COULOMB, FLAT, WALL_WIDTH, body_share, is_open_ended
+from tianim.systems.fluid.wall_tables import reach, share_tables
 
 # No particle is led nearer to a wall than so many spacings; the first layer of a resting fluid is at 0.5.
 LEAST = 0.25
 # Places may have been shifted by so many spacings between `measure` and `hold`.
 MOVED = 0.2
-# Paths longer than so many spacings in a step are followed in pieces, so that nothing thin is jumped over.
-PIECE_OF_PATH = 0.5
+# Paths are followed in pieces of at most so many spacings, and of at most this part of the way from LEAST
+# before a solid to its middle: beyond that a particle would be put out on the other side.
+PIECE = 0.5
+BEFORE_MIDDLE = 0.9
 # Impulses are summed over so many ranges of particles, and then over the ranges, whatever the threads.
 RANGES = 128
 # Coulomb's coefficient of a wall that sticks.
@@ -81,6 +50,7 @@ def measure_walls(
     adding: ti.template(),
     count: ti.i32,
     support: ti.f32,
+    h: ti.f32,
     table: f32_2d,
     samples: f32_1d,
     shares: f32_2d,
@@ -103,11 +73,11 @@ def measure_walls(
         v_near = ti.Vector([0.0, 0.0, 0.0])
         for b in range(count):
             hit = signed_distance(table, samples, b, p)
+            v = ti.Vector([0.0, 0.0, 0.0])
+            if hit.w < h:
+                v = surface_velocity(table, samples, b, p)
             if hit.w < support:
                 own = body_share(table, shares, support, b, p, hit)
-                v = surface_velocity(table, samples, b, p)
-                if hit.w < closest.w:
-                    v_near = v
                 if is_open_ended(table, b):
                     g = g * (1.0 - own.w) + own.xyz * free
                     through = through * (1.0 - own.w) + own.xyz.dot(v) * free
@@ -116,7 +86,7 @@ def measure_walls(
                     added += own
                     added_through += own.xyz.dot(v)
             if hit.w < closest.w:
-                near, closest = b, hit
+                near, closest, v_near = b, hit, v
         total = ti.min(1.0 - free + added.w, 1.0)
         share[i] = total
         flux[i] = through + added_through
@@ -152,10 +122,11 @@ def push_bodies(
     shares: f32_2d,
     x: f32_2d,
     distance: f32_1d,
+    gradient: f32_2d,
     pressure: f32_1d,
     sums: f64_2d,
 ):
-    """Impulses of the pressures on the walls; `factor` is 2 V dt."""
+    """Impulses of the pressures on the walls; `factor` is V dt."""
     size = (n + RANGES - 1) // RANGES
     for block in range(tasks * stride):
         if block % stride == 0:
@@ -165,8 +136,11 @@ def push_bodies(
                     if distance[i] < support and pressure[i] != 0.0:
                         p = ti.Vector([x[0, i], x[1, i], x[2, i]])
                         free = 1.0
+                        if count == 1:
+                            g = ti.Vector([gradient[0, i], gradient[1, i], gradient[2, i]])
+                            add_impulse(table, sums, k, 0, p, factor * pressure[i] * g)
                         # Twice over the walls in one loop: first what they leave free together.
-                        for again in range(2 * count):
+                        for again in range(ti.select(count == 1, 0, 2 * count)):
                             b = again % count
                             hit = signed_distance(table, samples, b, p)
                             if hit.w < support:
@@ -180,6 +154,34 @@ def push_bodies(
                 k += tasks
 
 
+@ti.kernel
+def bear_pulls(
+    n: ti.i32,
+    tasks: ti.i32,
+    stride: ti.i32,
+    factor: ti.f32,
+    table: f32_2d,
+    x: f32_2d,
+    nearest: i32_1d,
+    phase: i32_2d,
+    rest_density: f32_1d,
+    pull: f32_2d,
+    sums: f64_2d,
+):
+    """Impulses of the reaction to `pull` [m/s2] on the nearest walls; `factor` is V dt."""
+    size = (n + RANGES - 1) // RANGES
+    for block in range(tasks * stride):
+        if block % stride == 0:
+            k = block // stride
+            while k < RANGES:
+                for i in range(k * size, ti.min(n, (k + 1) * size)):
+                    if nearest[i] >= 0:
+                        p = ti.Vector([x[0, i], x[1, i], x[2, i]])
+                        a = ti.Vector([pull[0, i], pull[1, i], pull[2, i]])
+                        add_impulse(table, sums, k, nearest[i], p, -factor * rest_density[phase[0, i]] * a)
+                k += tasks
+
+
 class Walls:
     """Walls of `particles`: arrays by storage order, valid from one `measure` to the next.
 
@@ -188,7 +190,7 @@ class Walls:
     flux       sum over walls of gradient . wall velocity [1/s], (capacity,)
     distance   to the nearest wall [m], negative in the solid, (capacity,); FAR where there is none
     normal     of the nearest wall, into free space, (3, capacity)
-    speed      of the nearest wall where it is nearer than `support` [m/s], else 0, (3, capacity)
+    speed      of the nearest wall where it is nearer than h [m/s], else 0, (3, capacity)
     nearest    row of the nearest wall, -1 where there is none, (capacity,)
 
     names      of the walls by row: the bodies, and "bounds" where the bounds are contained
@@ -205,7 +207,7 @@ class Walls:
         self._least = LEAST * particles.spacing
         dimension = particles.dimension
         support = particles.h / particles.spacing
-        self.support = wall_support(support, dimension) * particles.spacing
+        self.support = reach(support, dimension) * particles.spacing
         shares = share_tables(support, dimension)
         self.shares: Any = ti.ndarray(ti.f32, shares.shape)
         self.shares.from_numpy(shares)
@@ -214,16 +216,17 @@ class Walls:
         friction = np.array([params.friction_of(name) for name in self.names], np.float32)
         self._rows[: self.count, COULOMB] = friction / np.maximum(1.0 - friction, 1.0 / STICKS)
         self.friction: Any = ti.ndarray(ti.f32, max(self.count, 1))
-        self.friction.from_numpy(
-            np.resize(friction, max(self.count, 1)) if self.count else np.zeros(1, np.float32)
-        )
+        self.friction.from_numpy(friction if self.count else np.zeros(1, np.float32))
         if self._contained:
-            self._pack_bounds(bounds)
+            pack_bounds(self._rows[-1], bounds)
+            set_form(self._rows[-1], dimension)
         self.table: Any = ti.ndarray(ti.f32, self._rows.shape)
         self.samples = bodies.samples
         self._allocate(particles.columns.capacity)
         self._posed: NDArray[np.float32] | None = None
         self._fastest, self._dt = 0.0, 0.0
+        deepest = (self._least + half_thickness(body) for body in bodies.params.values())
+        self._piece = min(PIECE * particles.spacing, BEFORE_MIDDLE * min(deepest, default=math.inf))
 
     def _allocate(self, capacity: int) -> None:
         self.share: Any = ti.ndarray(ti.f32, capacity)
@@ -252,17 +255,27 @@ class Walls:
         self._pose()
         self._sums.fill(0.0)
         measure_walls(
-            n, density is not None, self.count, self.support, self.table, self.samples, self.shares, x,
-            self.share, self.gradient, self.flux, self.distance, self.normal, self.speed, self.nearest,
-            self.share if density is None else density,
+            n, density is not None, self.count, self.support, self._particles.h, self.table, self.samples,
+            self.shares, x, self.share, self.gradient, self.flux, self.distance, self.normal, self.speed,
+            self.nearest, self.share if density is None else density,
         )  # fmt: skip
 
     def push(self, n: int, x: Any, pressure: Any, dt: float) -> None:
         """Count the impulses of `pressure` (capacity,) [Pa] on the walls over `dt` [s]."""
         if self.count:
             push_bodies(
-                n, *workers(), self.count, self.support, 2.0 * self._particles.volume * dt, self.table,
-                self.samples, self.shares, x, self.distance, pressure, self._sums,
+                n, *workers(), self.count, self.support, self._particles.volume * dt, self.table,
+                self.samples, self.shares, x, self.distance, self.gradient,
+                pressure, self._sums,
+            )  # fmt: skip
+
+    def bear(self, n: int, x: Any, pull: Any, dt: float) -> None:
+        """Count on the nearest walls what pulls particles with `pull` (3, capacity) [m/s2] over `dt` [s]."""
+        if self.count:
+            particles = self._particles
+            bear_pulls(
+                n, *workers(), particles.volume * dt, self.table, x, self.nearest, particles["phase"],
+                particles.rest_density, pull, self._sums,
             )  # fmt: skip
 
     def hold(self, n: int, x: Any, v: Any, dt: float) -> None:
@@ -276,7 +289,7 @@ class Walls:
         if self.count:
             particles = self._particles
             hold_velocities(
-                n, *workers(), RANGES, self.count, dt, self._least, PIECE_OF_PATH * particles.spacing,
+                n, *workers(), RANGES, self.count, dt, self._least, self._piece,
                 self._fastest, MOVED * particles.spacing, particles.volume, self.table, self.samples, x, v,
                 self.distance, particles["phase"], particles.rest_density, self._starts, self._sums,
             )  # fmt: skip
@@ -296,14 +309,6 @@ class Walls:
         sums = self._sums.to_numpy().sum(axis=0).reshape(-1, 6)
         return {name: sums[b] for b, name in enumerate(self.names)}
 
-    def _pack_bounds(self, bounds: Bounds) -> None:
-        lower, upper = np.array(bounds.lower), np.array(bounds.upper)
-        row = self._rows[-1]
-        row[KIND], row[SIGN] = ROUNDED, -1.0
-        row[POSITION : POSITION + 3], row[ROTATION + 3] = 0.5 * (lower + upper), 1.0
-        row[SHAPE : SHAPE + 3] = 0.5 * (upper - lower)
-        self._finish(row)
-
     def _pose(self) -> None:
         """Take over the bodies' rows where they have changed."""
         rows = self._bodies.table.to_numpy()[: self._bodies.count]
@@ -313,39 +318,5 @@ class Walls:
         self._fastest = max((largest_speed(row) for row in rows), default=0.0)
         self._rows[: len(rows), :WIDTH] = rows
         for row in self._rows[: len(rows)]:
-            self._finish(row)
+            set_form(row, self._particles.dimension)
         self.table.from_numpy(self._rows)
-
-    def _finish(self, row: NDArray[np.float32]) -> None:
-        """Form of a wall; in two dimensions what lies along z reaches for ever along z."""
-        form = BY_DISTANCE
-        if row[KIND] == CYLINDER:
-            form = wall_shares.CYLINDER
-        elif row[KIND] == ROUNDED:
-            form = CAPSULE if row[ROUNDING] > 0.0 else BOX
-        row[FORM] = form
-        if self._particles.dimension == 2 and form != BY_DISTANCE:
-            axis = int(np.abs(rotate_back(row[ROTATION : ROTATION + 4], (0.0, 0.0, 1.0))).argmax())
-            if form == wall_shares.CYLINDER and axis != 1:
-                row[KIND], row[FORM] = ROUNDED, BOX  # a section along the axis
-            if form == CAPSULE and axis == 1:
-                row[SHAPE + 1] = 0.0  # a section across the axis
-            elif form != CAPSULE:
-                row[SHAPE + axis] = FAR
-
-
-def largest_speed(row: NDArray[np.float32]) -> float:
-    """No point of the body's surface is faster [m/s]; infinite where that is not known."""
-    speed, spin = float(np.linalg.norm(row[VELOCITY:SPIN])), float(np.linalg.norm(row[SPIN : SPIN + 3]))
-    if row[RATE] != 0.0:
-        return math.inf
-    if spin == 0.0:
-        return speed
-    if row[KIND] == PLANE:
-        return math.inf
-    corner = np.abs(row[SHAPE : SHAPE + 3].astype(np.float64))
-    if row[KIND] == MESH:
-        corner = np.maximum(corner, np.abs(row[SHAPE : SHAPE + 3] + row[CELL] * row[SIZE : SIZE + 3]))
-    if row[KIND] == CYLINDER:
-        corner[2] = 0.0
-    return speed + spin * (float(np.linalg.norm(corner)) + float(row[ROUNDING]))

@@ -1,0 +1,138 @@
+"""How long a step of a fluid may be, and what says so.
+
+flow       cfl d: the way that the fastest goes in a step, |v| dt + |g| dt^2
+spray      2.5 cfl d: the same for particles with next to no neighbours, which only walls can meet
+capillary  CAPILLARY sqrt(rho d^3 / (2 pi sigma)): the shortest ripple (Brackbill et al. 1992)
+acoustic   COURANT h / (c + |v|): where the method has a speed of sound (weakly compressible SPH)
+viscous    EXPLICIT d^2 / nu: no limit, for beyond it the viscosity is found implicitly
+largest    `time_step.largest`
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tianim.errors import SceneError
+from tianim.lang import f32_1d, f32_2d, ti, workers
+from tianim.spatial.tubes import share
+from tianim.systems.fluid.params import FluidParams
+from tianim.systems.fluid.particles import Particles
+
+# Below this relative density a particle is spray, which nothing but a wall can meet, and walls follow its
+# path. One alone has 0.32 (0.45 in two dimensions), the corner of a block 0.6. The density, unlike the
+# neighbours, is in a checkpoint.
+SPRAY = 0.55
+SPRAY_WAY = 2.5
+# Part of the period of a ripple of two spacings, over 2 pi, that is stable; see surface_tension.py.
+CAPILLARY = 0.4
+# Part of the time that sound takes through the support radius (Monaghan 1992).
+COURANT = 0.4
+
+CURES = {
+    "flow": "the fluid is fast for its spacing: a larger spacing, a larger time_step.cfl or a slower start",
+    "spray": "single particles are very fast: look whether blocks overlap or start in a wall",
+    "capillary": "the surface tension is large for the spacing: a larger spacing or less surface_tension",
+    "acoustic": "the sound is fast for the spacing: a larger spacing, a smaller wcsph.sound_speed or dfsph",
+    "largest": "time_step.largest is that short",
+}
+
+
+@ti.kernel
+def fastest(n: ti.i32, tasks: ti.i32, stride: ti.i32, density: f32_1d, v: f32_2d, out: f32_2d):
+    """Largest squared speeds [m2/s2] of piece t of the particles: out[0, t] of the bulk, out[1, t] of all."""
+    for block in range(tasks * stride):
+        if block % stride == 0:
+            t = block // stride
+            bulk, every = 0.0, 0.0
+            for i in range(share(n, t, tasks), share(n, t + 1, tasks)):
+                s = v[0, i] * v[0, i] + v[1, i] * v[1, i] + v[2, i] * v[2, i]
+                every = ti.max(every, s)
+                # Before the first step no density is known, and all is bulk.
+                alone = (density[i] > 0.0) & (density[i] < SPRAY)
+                bulk = ti.max(bulk, ti.select(alone, 0.0, s))
+            out[0, t], out[1, t] = bulk, every
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A step [s] and what limits it."""
+
+    step: float
+    name: str
+
+
+def time_for(way: float, speed: float, acceleration: float) -> float:
+    """Time [s] in which speed dt + acceleration dt^2 is `way` [m]; infinite at rest."""
+    root = speed + math.sqrt(speed * speed + 4.0 * acceleration * way)
+    return 2.0 * way / root if root > 0.0 else math.inf
+
+
+def capillary_limit(density: float, spacing: float, tension: float) -> float:
+    """Largest step [s] for a surface tension [N/m] of a fluid [kg/m3] of this spacing [m]."""
+    if tension == 0.0:
+        return math.inf
+    return CAPILLARY * math.sqrt(density * spacing**3 / (2.0 * math.pi * tension))
+
+
+class StepLimits:
+    """The limits of one fluid.
+
+    gravity      its magnitude in the last step [m/s2]
+    sound_speed  [m/s], set by a method that has one
+    flow         limit of the flow when it was last asked for [s]
+    binding      what limited the step when it was last asked for
+    """
+
+    def __init__(self, params: FluidParams, particles: Particles) -> None:
+        self._params, self._particles = params, particles
+        self.gravity = float(np.linalg.norm(params.at(0.0).gravity))
+        self.sound_speed = 0.0
+        self.flow = params.time_step.largest
+        self.binding = Limit(params.time_step.largest, "largest")
+        lightest = min(phase.density for phase in params.all_phases())
+        self._capillary = capillary_limit(lightest, params.spacing, params.surface_tension)
+        self._tasks, self._stride = workers()
+        self._speeds: Any = ti.ndarray(ti.f32, (2, self._tasks))
+
+    def limits(self) -> dict[str, float]:
+        """Every limit by name [s]; the smallest one binds."""
+        params, step = self._params, self._params.time_step
+        bulk, every = self._fastest()
+        way = step.cfl * params.spacing
+        found = {
+            "largest": step.largest,
+            "flow": time_for(way, bulk, self.gravity),
+            "spray": time_for(SPRAY_WAY * way, every, self.gravity),
+            "capillary": self._capillary,
+        }
+        if self.sound_speed > 0.0:
+            found["acoustic"] = COURANT * params.support_radius / (self.sound_speed + every)
+        return found
+
+    def largest(self) -> Limit:
+        """The largest step that all limits allow. SceneError where `time_step.smallest` is longer."""
+        found = self.limits()
+        self.flow = found["flow"]
+        name = min(found, key=lambda key: found[key])
+        self.binding = Limit(found[name], name)
+        smallest = self._params.time_step.smallest
+        # Not finite is reported as such elsewhere, with the particle.
+        if found[name] < smallest:
+            raise SceneError(
+                f"fluid: needs a step of {found[name]:.3g} s ({name}), shorter than time_step.smallest, "
+                f"{smallest:g} s: {CURES[name]}"
+            )
+        return self.binding
+
+    def _fastest(self) -> tuple[float, float]:
+        """Speeds of the fastest with neighbours and of the fastest of all [m/s]."""
+        particles = self._particles
+        if not particles.count:
+            return 0.0, 0.0
+        fastest(
+            particles.count, self._tasks, self._stride, particles.density, particles["velocity"], self._speeds
+        )
+        bulk, every = np.sqrt(self._speeds.to_numpy().max(axis=1))
+        return float(bulk), float(every)

@@ -90,7 +90,7 @@ def _flat_water(count: int) -> dict[str, Any]:
 def _waiting(count: int) -> dict[str, Any]:
     """No emitter but, where there is nothing else, one that has not begun."""
     later = {"kind": "disc", "speed": 1.0, "start": 100.0, "end": 100.1}
-    return {"emitters": {} if count else {"later": later}}
+    return {"emitters": {} if count else {"later": later}, "sinks": {}}
 
 
 _LID = {"kind": "box", "lower": (0.025, 0.475, 0.025), "upper": (0.525, 0.675, 0.525)}
@@ -104,7 +104,8 @@ _HOSE: dict[str, Any] = {
             "speed": 8.0, "end": 1.0, "jitter": 0.1,
         }
     },
-    "sinks": {"drain": {"kind": "box", "lower": (0.0, 0.0, 0.0), "upper": (0.15, 0.15, 0.15)}},
+    "sinks": {"drain": {"kind": "box", "lower": (0.4, 0.0, 0.0), "upper": (0.8, 0.3, 0.8)}},
+    "wcsph": {"sound_speed": 10.0},  # so that its short steps see fluid come
 }  # fmt: skip
 _SOFT: dict[str, Any] = {"softening": {"length": 0.05}}
 _TENTH = {"kind": "fixed", "length": 0.1}

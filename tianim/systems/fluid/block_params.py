@@ -122,7 +122,9 @@ class PointsBlock(Block):
     """Particles at points given one by one or by a file, which must be about a spacing apart."""
 
     kind: Literal["points"] = "points"
-    positions: tuple[Vector3, ...] = Field((), max_length=100_000, description="one point a particle [m]")
+    positions: tuple[Vector3, ...] = Field(
+        (), max_length=100_000, description="one point a particle [m]", examples=[[[0.0, 0.0, 0.0]]]
+    )
     file: ScenePath | None = Field(
         None, description="NPZ (array position, perhaps velocity), PLY or VTU file, instead of positions"
     )

@@ -10,6 +10,7 @@ from tianim.lang import f32_1d, f32_2d, ti
 from tianim.system import Bounds
 from tianim.systems.fluid.forces import Forces
 from tianim.systems.fluid.gauge_params import ForceGauge
+from tianim.systems.fluid.motion import kick, move_on
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
@@ -23,14 +24,6 @@ LARGEST_DRIFT = 0.1
 MOTION_SHARE = 0.2
 # Longest time [s] for which a divergence is thought to act.
 LONGEST = 0.005
-
-
-@ti.kernel
-def kick(n: ti.i32, dt: ti.f32, acceleration: f32_2d, v: f32_2d):
-    """Add dt a to v."""
-    for i in range(n):
-        for c in ti.static(range(3)):
-            v[c, i] += dt * acceleration[c, i]
 
 
 @ti.kernel
@@ -54,23 +47,6 @@ def drift_places(
         way += ti.max(-way.dot(wall) - room, 0.0) * wall
         for c in ti.static(range(3)):
             x[c, i] += way[c]
-
-
-@ti.kernel
-def advect(
-    n: ti.i32, dt: ti.f32, pressure: f32_1d, acceleration: f32_2d, lower: f32_1d, length: f32_1d, x: f32_2d,
-    v: f32_2d,
-):  # fmt: skip
-    """Move x by dt v, brought back into a periodic box.
-
-    What flies free, without pressure, follows its parabola: it began the step at v - dt a.
-    """
-    for i in range(n):
-        free = ti.select(pressure[i] == 0.0, 0.5 * dt * dt, 0.0)
-        for c in ti.static(range(3)):
-            y = x[c, i] + dt * v[c, i] - free * acceleration[c, i]
-            turns = ti.floor((y - lower[c]) / ti.max(length[c], 1e-30))
-            x[c, i] = y - ti.select(length[c] > 0.0, turns * length[c], 0.0)
 
 
 class Dfsph:
@@ -137,7 +113,7 @@ class Dfsph:
                 walls.distance, walls.normal, x,
             )  # fmt: skip
         walls.hold(n, x, v, dt)
-        advect(n, dt, particles.pressure, particles.acceleration, pairs.lower, pairs.length, x, v)
+        move_on(n, dt, particles, walls, pairs)
         self.clamped = walls.clamp(n, x, v)
 
     def diagnostics(self) -> dict[str, float]:

@@ -4,9 +4,8 @@ A step: accelerate (gravity and what is explicit) -> v += dt a -> relax (implici
 The viscosity is explicit while the step is short enough for it, else implicit, from step to step.
 """
 
+import math
 from typing import Any
-
-import numpy as np
 
 from tianim.lang import f32_2d, ti
 from tianim.systems.fluid.pairs import Pairs
@@ -60,9 +59,9 @@ class Forces:
     def accelerate(self, time: float, dt: float) -> None:
         """Fill the particles' accelerations: gravity at `time` [s], what is explicit in a step `dt`."""
         particles = self._particles
-        gravity = np.array(self._params.at(time).gravity, float)
-        gravity[particles.dimension :] = 0.0
-        self.limits.gravity = float(np.linalg.norm(gravity))
+        x, y, z = self._params.at(time).gravity
+        gravity = (x, y, z if particles.dimension == 3 else 0.0)
+        self.limits.gravity = math.hypot(*gravity)
         accelerate_all(self._pulled, particles.count, *gravity, particles.acceleration, self.pull)
         if self._explicit(dt):
             self.viscosity.add(self.pull)

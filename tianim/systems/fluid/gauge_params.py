@@ -55,7 +55,7 @@ class ForceGauge(Params):
     """Force of the fluid on a body, mean since the last frame: _x, _y, _z [N] (2D: [N/m])."""
 
     kind: Literal["force"] = "force"
-    body: Name = Field(description="name of a body", examples=["paddle"])
+    body: Name = Field(description="name of a body")
 
 
 class _InBox(Gauge):

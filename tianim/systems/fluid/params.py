@@ -36,6 +36,10 @@ PAIRS_PER_PARTICLE = {2: 16, 3: 40}
 # Of a step with some six iterations of the pressure solve on two ordinary cores.
 SECONDS_PER_PARTICLE = {"dfsph": 1.1e-6, "pbf": 1.5e-6, "wcsph": 0.5e-6}
 SECONDS_PER_STEP = 1e-3
+# Part of the period of a ripple of two spacings, over 2 pi, that is stable; see surface_tension.py.
+CAPILLARY = 0.4
+# Way in a step, in spacings: PBF takes places from where they are, and bears more.
+CFL = {"dfsph": 0.4, "pbf": 0.8, "wcsph": 0.4}
 # What counts as standing still when the first step is estimated [m/s].
 LEAST_SPEED = 1e-3
 
@@ -74,8 +78,10 @@ class TimeStep(Params):
 
     largest: Positive = Field(0.005, description="largest step [s]")
     smallest: Positive = Field(1e-6, description="smallest step [s]: one that would need less stops the run")
-    cfl: Annotated[float, Field(gt=0, le=2)] = Field(
-        0.4, description="way that the fastest particle goes in a step, part of the spacing"
+    cfl: Annotated[float, Field(gt=0, le=2)] | None = Field(
+        None,
+        description="way that the fastest particle goes in a step, part of the spacing; left out: 0.4, "
+        "with the method pbf 0.8",
     )
     most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         5000, description="steps that a frame may need; more stop the run and say why"
@@ -121,8 +127,9 @@ class FluidParams(SystemParams):
         {}, max_length=15, description="liquids beside the fluid's own, by name"
     )
     blocks: Mapping[Name, BlockParams] = Field(
-        {}, max_length=MOST_NAMES, description="the fluid at the start, by name"
-    )
+        {}, max_length=MOST_NAMES, description="the fluid at the start, by name",
+        examples=[{"pool": {"kind": "box", "lower": [0.0, 0.0, 0.0], "upper": [0.1, 0.1, 0.1]}}],
+    )  # fmt: skip
     emitters: Mapping[Name, EmitterParams] = Field(
         {}, max_length=MOST_NAMES, description="where fluid comes in, by name"
     )
@@ -152,6 +159,12 @@ class FluidParams(SystemParams):
         """Kinematic viscosity that is added to that of every phase [m2/s]."""
         gravity = math.hypot(*self.at(0.0).gravity)
         return self.artificial_viscosity * self.spacing * math.sqrt(gravity * self.spacing)
+
+    @property
+    def cfl(self) -> float:
+        """Way that the fastest particle goes in a step [spacings]."""
+        given = self.time_step.cfl
+        return CFL[self.method] if given is None else given
 
     @property
     def cell_volume(self) -> float:
@@ -190,12 +203,12 @@ class FluidParams(SystemParams):
 
     def largest_step(self) -> float:
         """Largest step [s] at the start: as given, or by the speed of blocks, emitters and sound."""
-        limit = self.time_step.cfl * self.spacing
+        limit = self.cfl * self.spacing
         steps = [self.time_step.largest, limit / self._fastest()]
         if self.surface_tension > 0.0:
             lightest = min(phase.density for phase in self.all_phases())
             wave = math.sqrt(lightest * self.spacing**3 / (2.0 * math.pi * self.surface_tension))
-            steps.append(self.time_step.cfl * wave)
+            steps.append(CAPILLARY * wave)
         return min(steps)
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:

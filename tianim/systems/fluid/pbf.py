@@ -1,60 +1,78 @@
 """Position Based Fluids: places are predicted, then moved until nothing is compressed.
 
-    C_i = delta_i - 1 <= 0                     delta_i = sum_j V W_ij + lambda_i
-    x_i = x*_i + u_i,   v_i = (x_i - x_i(t)) / dt,   x* = x + dt v + dt^2 (g + forces)
-    u_i = -(dt^2/rho_i) [ sum_j (P_i + P_j) G_ij + 2 P_i grad lambda_i ],       P_i >= 0
+    C_i = delta_i - 1 <= 0,   delta_i = sum_j V W_ij + lambda_i
+    x = x* + u,   v = (x - x_before) / dt,   x* = x_before + dt v + dt^2 (g + forces)
+    u_i = -(dt^2 / rho_i) [ sum_j (P_i + P_j) G_ij + P_i grad lambda_i ],   P_i >= 0
 
-Macklin and Mueller 2013 (doi:10.1145/2461912.2461984): neighbours once a step at the predicted places, Jacobi
-iterations on C, relaxation epsilon (`cfm`), artificial pressure s_corr, XSPH. Their multiplier is
-lambda_i = -dt^2 P_i / rho: kept as a pressure over all iterations it may give back what was too much, and
-the next step can begin with it.
+Macklin and Mueller 2013 (doi:10.1145/2461912.2461984): neighbours once a step at the predicted places,
+Jacobi iterations on C, softness epsilon (`cfm`), artificial pressure s_corr, XSPH. Their multiplier is
+-dt^2 P / rho; kept as a pressure over the iterations it can give back what was too much, and the next step
+begins with it. What is apart is not pulled together, but in a periodic box that is full.
 
-**An iteration** is two passes over the stored pairs, P_i <- max(0, P_i + omega C_i / (dt^2 D_i)) and u, with
-C on the tangent of the places where kernels were last computed, which are computed anew after each RENEWAL
-iterations. Walls are on their tangent from x*; contacts see to the rest. The error of an iteration is its
-mean of max(C, 0), and the share of particles with C beyond the limit for 99 %; it ends when both are kept.
+**An iteration** is two passes over the stored pairs: P_i <- max(0, P_i + omega C_i / (dt^2 D_i)), D the
+change of C_i by its own P_i, then u. C and u are taken on the tangent of the places where kernels were last
+computed, which is done anew after every RENEWAL iterations: a pass over stored gradients costs a half.
 
-**Warm start** from WARM times the last pressures. A step is an integrating controller of the places: a mode
-of which it leaves the part Q of the error grows under a full warm start where Q > 1/2 (z^3 = Q (z^3 -
-(z - 1)^3)), which the slow modes of deep fluid do for any affordable number of iterations: a column then
-hops. A half is stable for all Q.
+**A warm start** from WARM times the last pressures. A full one makes each step an integrating controller
+of the places: with Q the part of an error that the iterations leave, z^3 = Q (z^3 - (z - 1)^3), which is
+unstable for Q > 1/2, and the slow modes of deep fluid have that for any number of iterations that one can
+pay. Columns hop then. A half is stable for all Q.
 
-**Along walls** the mirrored pressure of a wall has no gradient, so that its share of the tangential push
-is missing, and a resting layer at a wall would sink for ever: `push_of` adds it.
+**The number of iterations** follows the error: one more in the next step where the mean of max(C, 0) or the
+99 % quantile of C is over its limit, one fewer in eight steps where both are far below. A solve that goes on
+until it is there does a step in 2 iterations and the next in 40; that makes the fluid stiff of a sudden,
+and what was compressed flies apart.
 
-Limits: deep fluid at rest stays compressed by 1 to 2 % (30 layers), the more the deeper.
+`artificial_pressure` 1 pushes two particles apart like a compression of 1 at 0.2 h, of 0.01 at a spacing.
+
+Limits: deep fluid at rest keeps a compression, of about 1 % at 1.5 m of 30 layers.
 """
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.math.smoothing import cubic, cubic_slope, cubic_slopes, cubic_scale
+from tianim.math.smoothing import cubic, cubic_slopes
 from tianim.spatial.neighbor_lists import nearest_image
 from tianim.system import Bounds
-from tianim.systems.fluid.crew import MOST_TURNS, Crew, first_of, last_of, meet, pieces, take
-from tianim.systems.fluid.dfsph import advect
+from tianim.systems.fluid.crew import MOST_TURNS, PIECE, Crew, first_of, last_of, pieces
 from tianim.systems.fluid.forces import Forces
-from tianim.systems.fluid.pairs import TINY, Pairs
+from tianim.systems.fluid.gauge_params import ForceGauge
+from tianim.systems.fluid.motion import kick, move_on
+from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
-from tianim.systems.fluid.wall_shares import wall_terms
+from tianim.systems.fluid.pbf_passes import FINISH, PREPARE, PUSH, RELAX, RENEW, solve
 from tianim.systems.fluid.walls import Walls
+from tianim.systems.fluid.wcsph import fills
 
-# The largest eigenvalue of D^-1 A is 2.8 on the lattice: beyond 0.7 the iterations diverge.
-RELAXATION = 0.5
 WARM = 0.5
 # Iterations on one tangent. A step moves a particle some hundredths of a spacing off its prediction.
 RENEWAL = 6
+# More would not fit into the turns of a crew.
+MOST_ITERATIONS = (MOST_TURNS - 4) * RENEWAL // (2 * RENEWAL + 1)
 # Predicted places nearer to a wall than so many spacings, or in it, are taken back to there.
 NEAREST = 0.1
-# s_corr is 1 at so many support radii (the paper's |dq| = 0.1 to 0.3 h), and falls with the 4th power of W.
-APART = 0.2
 # Diagonals below this part of that of a particle with one neighbour belong to lone particles.
 LONE = 1e-6
-MOST_ITERATIONS = MOST_TURNS // 3
-# The error is kept within this part of its limits.
+# Largest step, in the time that something as fast as sqrt(P / rho) takes for a spacing. Pressures push as
+# the predicted places say; an oscillation of w dt = z about their order is unstable beyond z^2 = 4/3, where
+# z^2 is about 10 P dt^2 / (rho d^2).
+STIFF = 0.35
+# Particles beside each other over which a pressure is averaged for that.
+CROWD = 32
+# Lowest pressure [Pa] of a box that is full: none.
+UNBOUNDED = 1e30
+# Part of their limits that errors are kept to: they are found before the last correction, and the number
+# of iterations takes a few steps to follow.
 AIM = 0.7
-# Below this part of them there are fewer iterations, FEWER a step.
+# Iterations of the first step: pressures are not known then, and what is not found at once is compressed.
+FIRST = 8
+# Fewer iterations, FEWER a step, where the errors are below this part of their limits.
 CALM = 0.5
 FEWER = 0.125
 
@@ -64,7 +82,7 @@ def predict(
     n: ti.i32, dt: ti.f32, gx: ti.f32, gy: ti.f32, gz: ti.f32, lower: f32_1d, length: f32_1d, x: f32_2d,
     v: f32_2d,
 ):  # fmt: skip
-    """v += dt g, x += dt v, brought back into a periodic box."""
+    """Add dt g to v and dt v to x, which is brought back into a periodic box."""
     for i in range(n):
         v[0, i] += dt * gx
         v[1, i] += dt * gy
@@ -87,11 +105,11 @@ def keep_out(n: ti.i32, dt: ti.f32, nearest: ti.f32, distance: f32_1d, normal: f
 
 
 @ti.kernel
-def kick(
+def start_from(
     n: ti.i32, dt: ti.f32, gx: ti.f32, gy: ti.f32, gz: ti.f32, acceleration: f32_2d, x: f32_2d, v: f32_2d,
     start: f32_2d, warm: f32_2d, change: f32_1d,
 ):  # fmt: skip
-    """`start`: where predictions began; v gets the forces other than gravity, which it has."""
+    """Take down the `start` of the predictions; v gets the forces beside gravity; pressures start warm."""
     for i in range(n):
         warm[0, i] *= WARM
         change[i] = warm[0, i]
@@ -102,233 +120,17 @@ def kick(
         v[2, i] += dt * (acceleration[2, i] - gz)
 
 
-@ti.func
-def push_of(
-    i, inverse_rho: ti.template(), phase: ti.template(), begin: ti.template(), end: ti.template(),
-    neighbour: ti.template(), gradient: ti.template(), wall: ti.template(), change: ti.template(),
-):  # fmt: skip
-    """Acceleration [m/s2] of particle i by the pressures `change`."""
-    p = change[i]
-    x, y, z = p * wall[0, i], p * wall[1, i], p * wall[2, i]
-    for k in range(begin[i], end[i]):
-        both = p + change[neighbour[k]]
-        x += both * gradient[0, k]
-        y += both * gradient[1, k]
-        z += both * gradient[2, k]
-    return -inverse_rho[phase[0, i]] * ti.Vector([x, y, z])
-
-
-@ti.func
-def prepare(
-    spreading: ti.template(), i, dt, h, spread, inverse_rho: ti.template(), phase: ti.template(),
-    begin: ti.template(), end: ti.template(), neighbour: ti.template(), gradient: ti.template(),
-    length: ti.template(), wall: ti.template(), flux: ti.template(), density: ti.template(),
-    start: ti.template(), x: ti.template(), v: ti.template(), offset: ti.template(),
-    diagonal: ti.template(), source: ti.template(),
-):  # fmt: skip
-    """Diagonal and source of particle i at its prediction, and its `offset` by forces from there."""
-    square = 0.0
-    s, apart = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
-    for k in range(begin[i], end[i]):
-        j = neighbour[k]
-        g = ti.Vector([gradient[0, k], gradient[1, k], gradient[2, k]])
-        square += g.dot(g) * inverse_rho[phase[0, j]]
-        s += g
-        if ti.static(spreading):
-            r2 = TINY * h * h
-            for c in ti.static(range(3)):
-                difference = nearest_image(x[c, i] - x[c, j], length[c])
-                r2 += difference * difference
-            w = cubic(ti.sqrt(r2) / h) / cubic(APART)
-            apart += w * w * w * w * g
-    g = ti.Vector([wall[0, i], wall[1, i], wall[2, i]])
-    own = inverse_rho[phase[0, i]]
-    diagonal[i] = square + own * (s + g).norm_sqr()
-    source[i] = density[i] - 1.0 - dt * flux[i]
-    for c in ti.static(range(3)):
-        if ti.static(spreading):
-            v[c, i] -= spread * own / dt * apart[c]
-        offset[c, i] = start[c, i] + dt * v[c, i] - x[c, i]
-
-
-@ti.func
-def renew(
-    i, dt, h, scale, inverse_rho: ti.template(), phase: ti.template(), begin: ti.template(),
-    end: ti.template(), neighbour: ti.template(), gradient: ti.template(), length: ti.template(),
-    wall: ti.template(), share: ti.template(), flux: ti.template(), x: ti.template(), v: ti.template(),
-    moved: ti.template(), offset: ti.template(), diagonal: ti.template(), source: ti.template(), change: ti.template(),
-):  # fmt: skip
-    """Tangent of particle i at x + `moved`, from where its pressure's `change` counts from now on."""
-    total, tangent, square = cubic(0.0), 0.0, 0.0
-    s = ti.Vector([0.0, 0.0, 0.0])
-    ux, uy, uz = moved[0, i], moved[1, i], moved[2, i]
-    for k in range(begin[i], end[i]):
-        j = neighbour[k]
-        ax, ay, az = ux - moved[0, j], uy - moved[1, j], uz - moved[2, j]
-        dx = nearest_image(x[0, i] - x[0, j], length[0]) + ax
-        dy = nearest_image(x[1, i] - x[1, j], length[1]) + ay
-        dz = nearest_image(x[2, i] - x[2, j], length[2]) + az
-        r = ti.sqrt(dx * dx + dy * dy + dz * dz + TINY * h * h)
-        total += cubic(r / h)
-        g = scale * cubic_slope(r / h) / (h * r)
-        gradient[0, k] = g * dx
-        gradient[1, k] = g * dy
-        gradient[2, k] = g * dz
-        tangent += g * (dx * ax + dy * ay + dz * az)
-        square += g * g * r * r * inverse_rho[phase[0, j]]
-        s += g * ti.Vector([dx, dy, dz])
-    g = ti.Vector([wall[0, i], wall[1, i], wall[2, i]])
-    diagonal[i] = square + inverse_rho[phase[0, i]] * (s + g).norm_sqr()
-    change[i] = 0.0
-    for c in ti.static(range(3)):
-        v[c, i] += (moved[c, i] - offset[c, i]) / dt
-        offset[c, i] = moved[c, i]
-    source[i] = scale * total + share[i] - 1.0 - dt * flux[i] - tangent
-
-
-@ti.func
-def relax(
-    i, dt2, cfm, lone, begin: ti.template(), end: ti.template(), neighbour: ti.template(),
-    gradient: ti.template(), wall: ti.template(), diagonal: ti.template(), source: ti.template(),
-    warm: ti.template(), change: ti.template(), moved: ti.template(),
-):  # fmt: skip
-    """One relaxation of the pressure of particle i; its C before."""
-    a, b, c = moved[0, i], moved[1, i], moved[2, i]
-    r = source[i] + wall[0, i] * a + wall[1, i] * b + wall[2, i] * c
-    for k in range(begin[i], end[i]):
-        j = neighbour[k]
-        r += (
-            gradient[0, k] * (a - moved[0, j])
-            + gradient[1, k] * (b - moved[1, j])
-            + gradient[2, k] * (c - moved[2, j])
-        )
-    d = diagonal[i]
-    stiff = dt2 * ti.max(d, lone)
-    before = warm[0, i]
-    p = ti.max(before + RELAXATION * (r / stiff - cfm * before), 0.0)
-    p = ti.select(d > lone, p, 0.0)
-    warm[0, i] = p
-    change[i] += p - before
-    return ti.select(d > lone, ti.max(r, 0.0), 0.0)
-
-
-@ti.func
-def total_of(which, n, sums: ti.template()):
-    """Sum over the particles of what was summed by piece."""
-    total = 0.0
-    for k in range(pieces(n)):
-        total += sums[which, k]
-    return total
-
-
 @ti.kernel
-def solve(
-    spreading: ti.template(),
-    n: ti.i32,
-    dt: ti.f32,
-    h: ti.f32,
-    scale: ti.f32,
-    cfm: ti.f32,
-    spread: ti.f32,
-    lone: ti.f32,
-    tolerance_p99: ti.f32,
-    most: ti.i32,
-    tasks: ti.i32,
-    stride: ti.i32,
-    crew: i32_1d,
-    sums: f32_2d,
-    inverse_rho: f32_1d,
-    phase: i32_2d,
-    begin: i32_1d,
-    end: i32_1d,
-    neighbour: i32_1d,
-    gradient: f32_2d,
-    length: f32_1d,
-    wall: f32_2d,
-    share: f32_1d,
-    flux: f32_1d,
-    density: f32_1d,
-    start: f32_2d,
-    x: f32_2d,
-    v: f32_2d,
-    offset: f32_2d,
-    moved: f32_2d,
-    diagonal: f32_1d,
-    source: f32_1d,
-    warm: f32_2d,
-    change: f32_1d,
-    pressure: f32_1d,
-    report: f32_1d,
-):
-    """Iterate; afterwards v is the way from `start` over dt, and x is `start` again.
-
-    report: iterations, mean compression before the last of them, share of particles beyond the 99 % limit.
-    sums: (4, pieces): of each error two rows used in turn.
-    """
-    for block in range(tasks * stride):
-        if block % stride == 0:
-            turn, iteration = 0, 0
-            while iteration < most:
-                piece = take(crew, turn)
-                while piece < pieces(n):
-                    for i in range(first_of(piece), last_of(piece, n)):
-                        if iteration == 0:
-                            prepare(
-                                spreading, i, dt, h, spread, inverse_rho, phase, begin, end, neighbour,
-                                gradient, length, wall, flux, density, start, x, v, offset, diagonal, source,
-                            )  # fmt: skip
-                        a = push_of(
-                            i, inverse_rho, phase, begin, end, neighbour, gradient, wall, change
-                        )
-                        for c in ti.static(range(3)):
-                            moved[c, i] = offset[c, i] + dt * dt * a[c]
-                    piece = take(crew, turn)
-                turn += 1
-                meet(crew, tasks)
-                if iteration > 0 and iteration % RENEWAL == 0:
-                    piece = take(crew, turn)
-                    while piece < pieces(n):
-                        for i in range(first_of(piece), last_of(piece, n)):
-                            renew(
-                                i, dt, h, scale, inverse_rho, phase, begin, end, neighbour, gradient, length,
-                                wall, share, flux, x, v, moved, offset, diagonal, source, change,
-                            )  # fmt: skip
-                        piece = take(crew, turn)
-                    turn += 1
-                    meet(crew, tasks)
-                half = 2 * (iteration % 2)
-                piece = take(crew, turn)
-                while piece < pieces(n):
-                    total, beyond = 0.0, 0.0
-                    for i in range(first_of(piece), last_of(piece, n)):
-                        error = relax(
-                            i, dt * dt, cfm, lone, begin, end, neighbour, gradient, wall, diagonal, source,
-                            warm, change, moved,
-                        )  # fmt: skip
-                        total += error
-                        beyond += ti.select(error > tolerance_p99, 1.0, 0.0)
-                    sums[half, piece] = total
-                    sums[half + 1, piece] = beyond
-                    piece = take(crew, turn)
-                turn += 1
-                meet(crew, tasks)
-                iteration += 1
-                total, beyond = total_of(half, n, sums), total_of(half + 1, n, sums)
-                if block == 0:
-                    report[0] = iteration
-                    report[1] = total / n
-                    report[2] = beyond / n
-            piece = take(crew, turn)
-            while piece < pieces(n):
-                for i in range(first_of(piece), last_of(piece, n)):
-                    a = push_of(
-                        i, inverse_rho, phase, begin, end, neighbour, gradient, wall, change
-                    )
-                    pressure[i] = warm[0, i]
-                    for c in ti.static(range(3)):
-                        v[c, i] += dt * a[c]
-                        x[c, i] = start[c, i]
-                piece = take(crew, turn)
+def largest_heads(n: ti.i32, inverse_rho: f32_1d, phase: i32_2d, warm: f32_2d, out: f32_2d):
+    """Of each piece of the particles the largest P / rho [m2/s2], a mean of CROWD particles, into out[0, piece]."""
+    for piece in range(pieces(n)):
+        largest, total = 0.0, 0.0
+        for i in range(first_of(piece), last_of(piece, n)):
+            total += warm[0, i] * inverse_rho[phase[0, i]]
+            if (i + 1) % CROWD == 0:
+                largest = ti.max(largest, total / CROWD)
+                total = 0.0
+        out[0, piece] = ti.max(largest, total / CROWD)
 
 
 @ti.kernel
@@ -346,7 +148,7 @@ def smooth_velocities(
     v: f32_2d,
     out: f32_2d,
 ):
-    """XSPH: out = v + sum_j m_j / mean m V c W_ij (v_j - v_i); `scale` is c V s. Momentum is kept."""
+    """XSPH, what it adds to v: c sum_j V W_ij (v_j - v_i) 2 rho_j / (rho_i + rho_j); `scale` is c V s."""
     for i in range(n):
         own = rho[phase[0, i]]
         a, b, c = v[0, i], v[1, i], v[2, i]
@@ -361,57 +163,26 @@ def smooth_velocities(
             sx += w * (v[0, j] - a)
             sy += w * (v[1, j] - b)
             sz += w * (v[2, j] - c)
-        out[0, i], out[1, i], out[2, i] = a + scale * sx, b + scale * sy, c + scale * sz
+        out[0, i], out[1, i], out[2, i] = scale * sx, scale * sy, scale * sz
 
 
-@ti.kernel
-def take_over(n: ti.i32, source: f32_2d, target: f32_2d):
-    """Copy the rows of n particles."""
-    for i in range(n):
-        for c in ti.static(range(3)):
-            target[c, i] = source[c, i]
-
-
-@ti.kernel
-def measure_density(
-    n: ti.i32,
-    h: ti.f32,
-    scale: ti.f32,
-    reach: ti.f32,
-    count: ti.i32,
-    support: ti.f32,
-    table: f32_2d,
-    samples: f32_1d,
-    shares: f32_2d,
-    distance: f32_1d,
-    length: f32_1d,
-    begin: i32_1d,
-    end: i32_1d,
-    neighbour: i32_1d,
-    x: f32_2d,
-    density: f32_1d,
-):
-    """delta at the places of now, on rows made nearby; walls farther than `reach` when measured are none."""
-    for i in range(n):
-        total = cubic(0.0)
-        for k in range(begin[i], end[i]):
-            j = neighbour[k]
-            dx = nearest_image(x[0, i] - x[0, j], length[0])
-            dy = nearest_image(x[1, i] - x[1, j], length[1])
-            dz = nearest_image(x[2, i] - x[2, j], length[2])
-            total += cubic(ti.sqrt(dx * dx + dy * dy + dz * dz) / h)
-        share = 0.0
-        if distance[i] < reach:
-            p = ti.Vector([x[0, i], x[1, i], x[2, i]])
-            share = wall_terms(table, samples, shares, support, count, p).w
-        density[i] = scale * total + share
+def plan_of(iterations: int) -> list[int]:
+    """The passes of a solve."""
+    plan = [PREPARE]
+    for iteration in range(iterations):
+        if iteration:
+            plan += [PUSH, RENEW] if iteration % RENEWAL == 0 else [PUSH]
+        plan.append(RELAX)
+    return [*plan, FINISH]
 
 
 class Pbf:
     """The method `pbf`: steps `particles`.
 
-    pairs    the rows of neighbours at the predicted places of the last step
-    clamped  particles that the last step had to take out of a wall
+    pairs       the rows of neighbours, at the predicted places of the last step
+    iterations  that the next step will make; a fraction waits to become a whole one
+    error       mean of max(C, 0) and share of the particles beyond the 99 % limit, before the last correction
+    clamped     particles that the last step had to take out of a wall
     """
 
     def __init__(
@@ -420,27 +191,30 @@ class Pbf:
         self._fluid, self._params = params, params.pbf
         self._particles, self._walls, self._forces = particles, walls, forces
         self.pairs = pairs
+        self._watched = any(isinstance(gauge, ForceGauge) for gauge in params.gauges.values())
+        self.iterations = self._bounded(float(FIRST))
+        self.error = (0.0, 0.0)
         self.clamped = 0
-        self._crew = Crew(particles.columns.capacity)
-        self._allocate(particles.columns.capacity)
+        self._gravity = (0.0, 0.0, 0.0)
         rho = particles.rest_density.to_numpy()
         self._inverse_rho: Any = ti.ndarray(ti.f32, len(rho))
         self._inverse_rho.from_numpy((1.0 / rho).astype(rho.dtype))
-        # A slope of the kernel, squared: the size of one pair's part in a diagonal.
+        # The part of one pair, at its steepest, in a diagonal.
         slope = particles.volume * particles.scale * float(abs(cubic_slopes(0.5))) / particles.h
         self._pair = slope**2 / float(rho.max())
-        self.iterations = float(self._params.least_iterations)
+        self._allocate(particles.columns.capacity)
 
     def _allocate(self, capacity: int) -> None:
-        self._start: Any = ti.ndarray(ti.f32, (3, capacity))
-        self._offset: Any = ti.ndarray(ti.f32, (3, capacity))
-        self._moved: Any = ti.ndarray(ti.f32, (3, capacity))
-        self._diagonal: Any = ti.ndarray(ti.f32, capacity)
-        self._source: Any = ti.ndarray(ti.f32, capacity)
-        self._change: Any = ti.ndarray(ti.f32, capacity)
-        self._sums: Any = ti.ndarray(ti.f32, (4, self._crew.sums.shape[1]))
-        self._report: Any = ti.ndarray(ti.f32, 3)
-        self._report.fill(0.0)
+        self._crew = Crew(capacity)
+        self._plan: Any = ti.ndarray(ti.i32, MOST_TURNS)
+        self._planned = 0
+        vectors, numbers = (3, capacity), (capacity,)
+        self._start: Any = ti.ndarray(ti.f32, vectors)
+        self._offset: Any = ti.ndarray(ti.f32, vectors)
+        self._moved: Any = ti.ndarray(ti.f32, vectors)
+        self._diagonal: Any = ti.ndarray(ti.f32, numbers)
+        self._source: Any = ti.ndarray(ti.f32, numbers)
+        self._change: Any = ti.ndarray(ti.f32, numbers)
 
     @staticmethod
     def pairs_for(params: FluidParams, particles: Particles, bounds: Bounds) -> Pairs:
@@ -449,85 +223,126 @@ class Pbf:
 
     def step(self, time: float, dt: float) -> None:
         """Go on from `time` [s] by `dt` [s]."""
-        particles, walls, pairs = self._particles, self._walls, self.pairs
-        n = particles.count
-        gravity = self._gravity(time)
-        self._predict(n, gravity, dt)
-        pairs.build()
-        x, v = particles["position"], particles["velocity"]
-        walls.measure(n, x, particles.density)
-        self._forces.accelerate(time, dt)
-        kick(n, dt, *gravity, particles.acceleration, x, v, self._start, particles["warm"], self._change)
-        self._forces.relax(dt)
-        walls.push(n, x, self._solve(n, dt), dt)
-        if self._params.xsph > 0.0:
-            self._smooth(n)
-        walls.hold(n, x, v, dt)
-        advect(n, dt, particles.pressure, particles.acceleration, pairs.lower, pairs.length, x, v)
-        self.clamped = walls.clamp(n, x, v)
+        self.predict(time, dt)
+        self.find()
+        self.accelerate(time, dt)
+        self.solve(dt)
+        self.move(dt)
 
-    def _gravity(self, time: float) -> tuple[float, float, float]:
-        x, y, z = self._fluid.at(time).gravity
-        return x, y, z if self._fluid.dimension == 3 else 0.0
-
-    def _predict(self, n: int, gravity: tuple[float, float, float], dt: float) -> None:
-        """Predicted places, none of them deep in a wall."""
-        particles, walls, pairs = self._particles, self._walls, self.pairs
+    def predict(self, time: float, dt: float) -> None:
+        """Where gravity alone would lead the particles, though not deep into a wall."""
+        particles, walls, pairs, n = self._particles, self._walls, self.pairs, self._particles.count
         x, v = particles["position"], particles["velocity"]
-        predict(n, dt, *gravity, pairs.lower, pairs.length, x, v)
+        gravity = np.array(self._fluid.at(time).gravity)
+        gravity[self._fluid.dimension :] = 0.0
+        self._gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
+        predict(n, dt, *self._gravity, pairs.lower, pairs.length, x, v)
         if walls.count:
             walls.measure(n, x)
             keep_out(n, dt, NEAREST * particles.spacing, walls.distance, walls.normal, x, v)
 
-    def _solve(self, n: int, dt: float) -> Any:
-        """Iterate; gives the pressures."""
+    def find(self) -> None:
+        """Neighbours and walls of each prediction, and its density."""
+        self.pairs.build()
+        particles = self._particles
+        self._walls.measure(particles.count, particles["position"], particles.density)
+
+    def accelerate(self, time: float, dt: float) -> None:
+        """All forces but gravity and pressure."""
+        particles = self._particles
+        self._forces.accelerate(time, dt)
+        start_from(
+            particles.count, dt, *self._gravity, particles.acceleration, particles["position"],
+            particles["velocity"], self._start, particles["warm"], self._change,
+        )  # fmt: skip
+        self._forces.relax(dt)
+
+    def solve(self, dt: float) -> None:
+        """Iterate. Afterwards the particles are where the step began, and their velocities lead on."""
+        plan = plan_of(int(self.iterations))
+        if len(plan) != self._planned:
+            self._plan.from_numpy(np.resize(np.array(plan, np.int32), MOST_TURNS))
+            self._planned = len(plan)
+        self._crew.begin()
+        if self._crew.works:
+            self._launch(0, len(plan), dt)
+        else:
+            for turn in range(len(plan)):
+                self._launch(turn, turn + 1, dt)
+        n = self._particles.count
+        sums = self._crew.sums.to_numpy()[:2, : -(-n // PIECE)].sum(axis=1, dtype=np.float64) / n
+        self.error = (float(sums[0]), float(sums[1]))
+        self._adapt()
+        if self._params.xsph > 0.0:
+            self._smooth()
+
+    def _launch(self, first: int, last: int, dt: float) -> None:
+        """Passes of the plan."""
         particles, pairs, walls, crew, params = (
             self._particles, self.pairs, self._walls, self._crew, self._params
         )  # fmt: skip
-        crew.begin()
+        n = particles.count
         solve(
-            params.artificial_pressure > 0.0, n, dt, particles.h, particles.volume * particles.scale,
-            params.cfm, params.artificial_pressure / self._pair, LONE * self._pair,
-            AIM * params.density_error_p99, int(self.iterations), crew.tasks, crew.stride, crew.array, self._sums,
-            self._inverse_rho, particles["phase"], pairs.begin, pairs.end, pairs.neighbour, pairs.gradient,
-            pairs.length, walls.gradient, walls.share, walls.flux, particles.density, self._start,
-            particles["position"], particles["velocity"], self._offset, self._moved, self._diagonal,
-            self._source, particles["warm"], self._change, particles.pressure, self._report,
+            params.artificial_pressure > 0.0, first, last, n, dt, particles.h,
+            particles.volume * particles.scale, params.cfm, params.artificial_pressure / self._pair,
+            LONE * self._pair, -UNBOUNDED if fills(particles, pairs) else 0.0,
+            AIM * params.density_error_p99, crew.tasks_for(n), crew.stride, self._plan, crew.array, crew.sums,
+            self._inverse_rho, particles["phase"], pairs.begin, pairs.end,
+            pairs.neighbour, pairs.gradient, pairs.length, walls.count, walls.support, walls.table,
+            walls.samples, walls.shares, walls.gradient, walls.flux, walls.distance, particles.density,
+            self._start, particles["position"], particles["velocity"], self._offset, self._moved,
+            self._diagonal, self._source, particles["warm"], self._change, particles.pressure,
         )  # fmt: skip
-        self._adapt()
-        return particles.pressure
 
     def _adapt(self) -> None:
-        """More iterations in the next step where the error is over its limits, slowly fewer where it is not."""
-        params = self._params
-        mean, beyond = (float(value) for value in self._report.to_numpy()[1:3])
-        if mean > params.density_error or beyond > 0.01:
-            self.iterations += 1.0
-        elif mean < CALM * params.density_error and beyond < CALM * 0.01:
-            self.iterations -= FEWER
-        most = min(params.most_iterations, MOST_ITERATIONS)
-        self.iterations = min(max(self.iterations, float(params.least_iterations)), float(most))
+        """More iterations in the next step where an error is over its limit, slowly fewer where far below."""
+        limit, (mean, beyond) = AIM * self._params.density_error, self.error
+        if mean > limit or beyond > 0.01:
+            self.iterations = self._bounded(math.floor(self.iterations) + 1.0)
+        elif mean < CALM * limit and beyond < CALM * 0.01:
+            self.iterations = self._bounded(self.iterations - FEWER)
 
-    def _smooth(self, n: int) -> None:
-        particles, pairs = self._particles, self.pairs
+    def _bounded(self, iterations: float) -> float:
+        most = min(self._params.most_iterations, MOST_ITERATIONS)
+        return min(max(iterations, float(self._params.least_iterations)), float(most))
+
+    def _smooth(self) -> None:
+        particles, pairs, n = self._particles, self.pairs, self._particles.count
         smooth_velocities(
             n, particles.h, self._params.xsph * particles.volume * particles.scale, particles.rest_density,
             particles["phase"], pairs.length, pairs.begin, pairs.end, pairs.neighbour,
             particles["position"], particles["velocity"], self._moved,
         )  # fmt: skip
-        take_over(n, self._moved, particles["velocity"])
+        kick(n, 1.0, self._moved, particles["velocity"])
 
-    def refresh(self) -> None:
-        """Densities of the places of now: a step leaves those of its predictions."""
-        particles, pairs, walls = self._particles, self.pairs, self._walls
-        measure_density(
-            particles.count, particles.h, particles.volume * particles.scale,
-            walls.support + particles.spacing, walls.count, walls.support, walls.table, walls.samples,
-            walls.shares, walls.distance, pairs.length, pairs.begin, pairs.end, pairs.neighbour,
-            particles["position"], particles.density,
-        )  # fmt: skip
+    def move(self, dt: float) -> None:
+        """Places, kept out of the walls; what the walls bear."""
+        particles, walls, pairs = self._particles, self._walls, self.pairs
+        n, x, v = particles.count, particles["position"], particles["velocity"]
+        if self._watched:
+            walls.push(n, x, particles.pressure, dt)
+        walls.hold(n, x, v, dt)
+        move_on(n, dt, particles, walls, pairs)
+        self.clamped = walls.clamp(n, x, v)
+
+    def largest_step(self) -> float:
+        """What the pressures of now allow [s]; from the columns alone, so that a resumed run says the same."""
+        particles, n = self._particles, self._particles.count
+        if not n:
+            return math.inf
+        heads = self._crew.sums
+        largest_heads(n, self._inverse_rho, particles["phase"], particles["warm"], heads)
+        head = float(heads.to_numpy()[0, : -(-n // PIECE)].max())
+        return STIFF * particles.spacing / math.sqrt(head) if head > 0.0 else math.inf
 
     def diagnostics(self) -> dict[str, float]:
-        """Iterations of the last step; mean compression before the last one, share beyond the 99 % limit."""
-        iterations, error, beyond = (float(value) for value in self._report.to_numpy())
-        return {"iterations": iterations, "solver_error": error, "share_beyond_p99": beyond}
+        """Iterations of the next step; mean compression before the last correction."""
+        return {"iterations": float(int(self.iterations)), "solver_error": self.error[0]}
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The number of iterations, which follows the error."""
+        return {"iterations": np.array([self.iterations])}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+        self.iterations = float(state["iterations"][0])

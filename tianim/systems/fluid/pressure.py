@@ -43,9 +43,11 @@ from tianim.systems.fluid.pressure_passes import (
     ACCELERATE,
     DRIFT,
     FINISH,
+    GROWTH,
     MOTION,
     PREPARE,
     RELAX,
+    SLOWER,
     launch,
     solve,
 )
@@ -125,24 +127,23 @@ class PressureSolver:
 
     def _solve_by_passes(self, stage: int, dt: float, tolerance: float, least: int, most: int) -> Solved:
         """The same, a launch a pass."""
-        first = error = self._launch(PREPARE, stage, dt, 0.0)[0]
-        iterations, pace, momentum = 0, 1.0, 0.0
+        first = error = self._launch(PREPARE, stage, dt, self._relaxation, 0.0)[0]
+        iterations, pace, momentum, omega, best = 0, 1.0, 0.0, self._relaxation, math.inf
         while iterations < most and (error > tolerance or (stage == MOTION and iterations < max(least, 1))):
-            self._launch(ACCELERATE, stage, dt, momentum)
-            error, progress = self._launch(RELAX, stage, dt, momentum)
-            faster = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace * pace))
-            pace, momentum = (faster, (pace - 1.0) / faster) if progress >= 0.0 else (1.0, 0.0)
+            self._launch(ACCELERATE, stage, dt, omega, momentum)
+            error, progress = self._launch(RELAX, stage, dt, omega, momentum)
+            faster, grows = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace * pace)), error > GROWTH * best
+            pace, momentum = (faster, (pace - 1.0) / faster) if progress >= 0.0 and not grows else (1.0, 0.0)
+            omega, best = (SLOWER * omega, error) if grows else (omega, min(best, error))
             iterations += 1
         if stage == MOTION:
-            self._launch(FINISH, stage, dt, momentum)
+            self._launch(FINISH, stage, dt, omega, momentum)
         return Solved(iterations, error, first)
 
-    def _launch(self, work: int, stage: int, dt: float, momentum: float) -> tuple[float, float]:
+    def _launch(self, work: int, stage: int, dt: float, omega: float, momentum: float) -> tuple[float, float]:
         """One pass; what is left of r as a compression, and the progress, means over the particles."""
         n, sums = self._particles.count, self._crew.sums
-        launch(
-            work, stage, n, dt, self._lone, self._lowest, self._relaxation, momentum, sums, *self._arrays()
-        )
+        launch(work, stage, n, dt, self._lone, self._lowest, omega, momentum, sums, *self._arrays())
         left, progress = sums.to_numpy()[:2, : -(-n // PIECE)].sum(axis=1, dtype=np.float64) / n
         return float(left) * dt * dt, float(progress)
 

@@ -45,7 +45,7 @@ class Timed(Params):
     """What works for some time, on one phase."""
 
     start: NonNegative = Field(0.0, description="begins at [s]")
-    end: NonNegative | None = Field(None, description="ends at [s]; never where left out")
+    end: NonNegative | None = Field(None, description="ends at [s]; never where left out", examples=[1.0])
 
     @model_validator(mode="after")
     def _start_is_before_end(self) -> Self:
@@ -65,7 +65,9 @@ class Emitter(Timed):
     )
     direction: Direction = Field(UP, description="where the fluid goes, any length but zero")
     on: Name | None = Field(None, description="body that it rides on")
-    speed: Animated[Speed] | None = Field(None, description="speed of the fluid in the mouth [m/s]")
+    speed: Animated[Speed] | None = Field(
+        None, description="speed of the fluid in the mouth [m/s]", examples=[1.0]
+    )
     rate: Animated[Speed] | None = Field(
         None, description="volume that comes out [m3/s] (in two dimensions [m2/s]), instead of the speed"
     )

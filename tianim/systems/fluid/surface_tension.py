@@ -23,7 +23,13 @@ gradient and so no energy), attraction between pairs (drops freeze, whatever its
 R = 12 and 24 d want 0.80 and 0.70, and get 0.77: a period is then right to 4 %.
 
 Walls mirror the fluid: the contact angle is 90 degrees. There is no tension between phases.
-Momentum is kept to rounding, angular momentum nearly (the stress of a pair is not along its line).
+Momentum is kept to rounding, angular momentum nearly (the stress of a pair is not along its line). Steps are
+stable up to 0.6 sqrt(rho d^3 / (2 pi sigma)).
+
+Limits: a drop that starts as a lattice swings 12 % too fast, until it has melted; a drop of R = 8 d loses
+half of its swing in a period (3D), one of R = 12 d a fifth (2D). At walls the surface stands a particle high.
+
+Cost in 3D on 2 cores, CPU time over two in ns a particle (27 neighbours): 22 and 49.
 """
 
 import math

@@ -91,6 +91,9 @@ class Fluid:
                 "warm": np.stack([filled.pressure, np.zeros(count, np.float32)], axis=1),
             },
         )
+        pressure = np.zeros(self.particles.pressure.shape, np.float32)
+        pressure[:count] = filled.pressure
+        self.particles.pressure.from_numpy(pressure)
         self.walls = Walls(world.bodies, world.bounds, self.particles, params.walls)
         method = METHODS[params.method]
         pairs = method.pairs_for(params, self.particles, world.bounds)
@@ -103,6 +106,7 @@ class Fluid:
         self._impulse = {body: np.zeros(3) for body in self._watched}
         self._elapsed = 0.0
         self._read = False
+        self._restored: dict[str, float] = {}
         self.clamped = 0
 
     @property
@@ -117,6 +121,7 @@ class Fluid:
     def step(self, time: float, dt: float) -> None:
         """Let fluid in and out, then go on by `dt` [s]."""
         columns = self.particles.columns
+        self._restored = {}
         self.sinks.drain(columns, time)
         self.emitters.emit(columns, time, dt)
         if self.count:
@@ -176,9 +181,13 @@ class Fluid:
         values["density_error_mean"] = float(compression.mean())
         values["density_error_p99"] = float(np.percentile(compression, 99))
         values["density_error_max"] = float(compression.max())
-        values |= self.method.diagnostics() | self.forces.diagnostics()
+        values |= self._solver_numbers()
         values["clamped"] = float(self.clamped)
         return values | self.emitters.diagnostics() | self.sinks.diagnostics() | self._gauged()
+
+    def _solver_numbers(self) -> dict[str, float]:
+        """Of the last step, be it before the state was restored."""
+        return self._restored or self.method.diagnostics() | self.forces.diagnostics()
 
     def _gauged(self) -> dict[str, float]:
         if not len(self.gauges):
@@ -204,7 +213,10 @@ class Fluid:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The columns in storage order, and what emitters and sinks have counted."""
-        counted = {"clamped": np.array([self.clamped])}
+        counted = {
+            "clamped": np.array([self.clamped]),
+            "solver": np.array(list(self._solver_numbers().values())),
+        }
         arrays = {
             "density": self.particles.density.to_numpy()[: self.count],
             "pressure": self.particles.pressure.to_numpy()[: self.count],
@@ -221,6 +233,8 @@ class Fluid:
         self.emitters.restore(state)
         self.sinks.restore(state)
         self.clamped = int(state["clamped"][0])
+        names = self.method.diagnostics() | self.forces.diagnostics()
+        self._restored = {name: float(value) for name, value in zip(names, state["solver"], strict=True)}
 
     def arrays(self) -> tuple[str, ...]:
         """All by name; position and velocity can be set; density, pressure, phase and id are read."""

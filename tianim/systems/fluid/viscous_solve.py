@@ -323,7 +323,7 @@ def solve_by_launches(n: int, tolerance: float, most: int, sums: Any, *arrays: A
     first, iteration = 0.0, 0
     while True:
         launch_multiply(n, sums, *arrays)
-        rz, wz, error, vv, pp = sums.to_numpy()[:, : -(-n // PIECE)].sum(axis=1)
+        rz, wz, error, vv, pp = sums.to_numpy()[:, : -(-n // PIECE)].sum(axis=1).tolist()
         first = max(error, pp) if iteration == 0 else first
         if error <= max(tolerance**2 * first, ROUNDING**2 * vv) or iteration == most:
             return float(iteration), math.sqrt(error / max(first, 1e-300))

@@ -33,7 +33,7 @@ def find_vorticity(
     v: f32_2d,
     vorticity: f32_2d,
 ):
-    """curl v [1/s] into rows 0 to 2 of `vorticity`, its size into row 3."""
+    """Curl v [1/s] into rows 0 to 2 of `vorticity`, its size into row 3."""
     for i in range(n):
         a, b, c = v[0, i], v[1, i], v[2, i]
         x, y, z = 0.0, 0.0, 0.0

@@ -24,10 +24,11 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.spatial.bodies import POSITION, SHAPE
 from tianim.spatial.neighbor_lists import nearest_image
 from tianim.system import Bounds
-from tianim.systems.fluid.dfsph import advect, kick
 from tianim.systems.fluid.forces import Forces
+from tianim.systems.fluid.gauge_params import ForceGauge
+from tianim.systems.fluid.motion import kick, move_on
 from tianim.systems.fluid.pairs import Pairs
-from tianim.systems.fluid.params import FluidParams, ForceGauge
+from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.walls import BOUNDS, Walls
 
@@ -35,23 +36,28 @@ from tianim.systems.fluid.walls import BOUNDS, Walls
 MACH = 10.0
 # Least flow [m/s] that a speed of sound is made for: a fluid at rest without gravity.
 SLOWEST = 0.1
-# Strength of Monaghan's viscosity: its kinematic viscosity is alpha c h / 10 in space, / 8 in the plane.
+# A box is full with this part of the particles that it has room for.
+FULL = 0.97
+# Relative density below which nothing pulls harder.
+THINNEST = 0.9
+# Strength of Monaghan's viscosity. It is a kinematic viscosity of alpha c h / (2 (dimension + 2)), less what
+# the fluid has anyway.
 ALPHA = 0.05
 
 
 @ti.kernel
 def press(
-    n: ti.i32, gamma: ti.f32, stiffness: f32_1d, phase: i32_2d, density: f32_1d, pressure: f32_1d
+    n: ti.i32, thinnest: ti.f32, gamma: ti.f32, stiffness: f32_1d, phase: i32_2d, density: f32_1d,
+    pressure: f32_1d,
 ):  # fmt: skip
-    """Tait's pressure [Pa]; `stiffness` is rho c^2 / gamma by phase."""
+    """Tait's pressure [Pa] of densities, or of `thinnest`; `stiffness` is rho c^2 / gamma by phase."""
     for i in range(n):
-        pressure[i] = stiffness[phase[0, i]] * (ti.max(density[i], 1.0) ** gamma - 1.0)
+        pressure[i] = stiffness[phase[0, i]] * (ti.max(density[i], thinnest) ** gamma - 1.0)
 
 
 @ti.kernel
 def push(
     n: ti.i32,
-    dt: ti.f32,
     h: ti.f32,
     viscosity: ti.f32,
     rho: f32_1d,
@@ -67,7 +73,7 @@ def push(
     v: f32_2d,
     out: f32_2d,
 ):
-    """out = v + dt (push of the pressures + Monaghan's viscosity); `viscosity` is alpha c h [m2/s]."""
+    """Out = v + dt (push of the pressures + Monaghan's viscosity); `viscosity` is alpha c h [m2/s]."""
     for i in range(n):
         p, own = pressure[i], rho[phase[0, i]]
         px, py, pz = x[0, i], x[1, i], x[2, i]
@@ -92,15 +98,7 @@ def push(
             sz += w * gz
         a = viscosity * ti.Vector([sx, sy, sz]) - ti.Vector([fx, fy, fz]) / own
         for c in ti.static(range(3)):
-            out[c, i] = v[c, i] + dt * a[c]
-
-
-@ti.kernel
-def take_over(n: ti.i32, source: f32_2d, target: f32_2d):
-    """Copy the rows of n particles."""
-    for i in range(n):
-        for c in ti.static(range(3)):
-            target[c, i] = source[c, i]
+            out[c, i] = a[c]
 
 
 def fall_height(particles: Particles, walls: Walls, gravity: tuple[float, float, float]) -> float:
@@ -120,11 +118,19 @@ def fall_height(particles: Particles, walls: Walls, gravity: tuple[float, float,
     return float(heights.max()) - lowest
 
 
+def fills(particles: Particles, pairs: Pairs) -> bool:
+    """Whether a periodic box is full of fluid, so that there is no surface."""
+    box = pairs.length.to_numpy()[: particles.dimension].astype(float)
+    room = float(np.prod(box))
+    return room > 0.0 and particles.count * particles.spacing**particles.dimension >= FULL * room
+
+
 class Wcsph:
     """The method `wcsph`: steps `particles`.
 
     pairs        the rows of neighbours
     sound_speed  [m/s]
+    alpha_c_h    strength of Monaghan's viscosity [m2/s]
     clamped      particles that the last step had to take out of a wall
     """
 
@@ -138,10 +144,13 @@ class Wcsph:
         self._watched = any(isinstance(gauge, ForceGauge) for gauge in params.gauges.values())
         self.sound_speed = params.wcsph.sound_speed or MACH * self._fastest(params)
         forces.limits.sound_speed = self.sound_speed
+        least = min(phase.viscosity for phase in params.all_phases())
+        self.alpha_c_h = ALPHA * self.sound_speed * particles.h
+        self.alpha_c_h = max(self.alpha_c_h - 2.0 * (particles.dimension + 2) * least, 0.0)
         rho = particles.rest_density.to_numpy()
         self._stiffness: Any = ti.ndarray(ti.f32, len(rho))
         self._stiffness.from_numpy((rho * self.sound_speed**2 / self._gamma).astype(np.float32))
-        self._next: Any = ti.ndarray(ti.f32, (3, particles.columns.capacity))
+        self._push: Any = ti.ndarray(ti.f32, (3, particles.columns.capacity))
 
     @staticmethod
     def pairs_for(params: FluidParams, particles: Particles, bounds: Bounds) -> Pairs:
@@ -180,13 +189,15 @@ class Wcsph:
         """Pressures, and what they do to the velocities."""
         particles, pairs, walls, n = self._particles, self.pairs, self._walls, self._particles.count
         x, v, phase = particles["position"], particles["velocity"], particles["phase"]
-        press(n, self._gamma, self._stiffness, phase, particles.density, particles.pressure)
+        # Where there is a surface nothing pulls; a box that is full has none, and would tear.
+        thinnest = THINNEST if fills(particles, pairs) else 1.0
+        press(n, thinnest, self._gamma, self._stiffness, phase, particles.density, particles.pressure)
         push(
-            n, dt, particles.h, ALPHA * self.sound_speed * particles.h, particles.rest_density, phase,
+            n, particles.h, self.alpha_c_h, particles.rest_density, phase,
             pairs.length, pairs.begin, pairs.end, pairs.neighbour, pairs.gradient, walls.gradient,
-            particles.pressure, x, v, self._next,
+            particles.pressure, x, v, self._push,
         )  # fmt: skip
-        take_over(n, self._next, v)
+        kick(n, dt, self._push, v)
 
     def move(self, dt: float) -> None:
         """Places, kept out of the walls; what the walls bear."""
@@ -195,7 +206,7 @@ class Wcsph:
         if self._watched:
             walls.push(n, x, particles.pressure, dt)
         walls.hold(n, x, v, dt)
-        advect(n, dt, particles.pressure, particles.acceleration, pairs.lower, pairs.length, x, v)
+        move_on(n, dt, particles, walls, pairs)
         self.clamped = walls.clamp(n, x, v)
 
     def diagnostics(self) -> dict[str, float]:

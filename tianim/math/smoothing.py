@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 def cubic_scale(h: float, dimension: int) -> float:
-    """s of the cubic spline [1/m^dimension] for support h [m]."""
+    """S of the cubic spline [1/m^dimension] for support h [m]."""
     return 40.0 / (7.0 * math.pi * h**2) if dimension == 2 else 8.0 / (math.pi * h**3)
 
 
@@ -53,7 +53,7 @@ def cubic_slope(q):
 
 def lattice_sum(support: float, dimension: int) -> float:
     """Sum of d^dimension W over a cubic (square) lattice of spacing d, for h = support d; near 1."""
-    reach = int(math.ceil(support))
+    reach = math.ceil(support)
     axis = np.arange(-reach, reach + 1.0)
     grid = np.meshgrid(*[axis] * dimension, indexing="ij")
     r = np.sqrt(sum(g * g for g in grid))

@@ -28,12 +28,12 @@ from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NeighborGrid
 from tianim.spatial.placement import Ball, Heading, Placement, RandomHeading, check_start, directions, place
 from tianim.spatial.tubes import (
+    MOTIONS,
     NX,
     STRIDE,
     TASKS,
     TURN,
     first_row,
-    MOTIONS,
     gather_tube,
     pieces,
     rounded,
@@ -121,7 +121,9 @@ def decide(
                 for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
                     if start[row * nx + nx] == start[row * nx]:
                         continue
-                    gather_tube(3, MOTIONS, task, row, shape, geometry, start, x, v, identity, scratch, offset)
+                    gather_tube(
+                        3, MOTIONS, task, row, shape, geometry, start, x, v, identity, scratch, offset
+                    )
                     for c in range(nx):
                         cell, s = row * nx + c, slice_of(c, nx)
                         begin, end = offset[task, s - 1], offset[task, s + 2]

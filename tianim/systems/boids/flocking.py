@@ -17,13 +17,13 @@ number of candidates within it, which vectorises, and then bounds the three radi
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.spatial.tubes import (
+    MOTIONS,
     NX,
     STRIDE,
+    TAGGED_MOTIONS,
     TASKS,
     TURN,
     first_row,
-    MOTIONS,
-    TAGGED_MOTIONS,
     gather_tube,
     pieces,
     rounded,

@@ -24,12 +24,12 @@ from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NeighborGrid
 from tianim.spatial.placement import Placement, RandomHeading, check_start, place
 from tianim.spatial.tubes import (
+    MOTIONS,
     NX,
     STRIDE,
     TASKS,
     TURN,
     first_row,
-    MOTIONS,
     gather_tube,
     pieces,
     rounded,
@@ -115,7 +115,9 @@ def align(
                 for row in range(first_row(piece, shape, start), first_row(piece + 1, shape, start)):
                     if start[row * nx + nx] == start[row * nx]:
                         continue
-                    gather_tube(2, MOTIONS, task, row, shape, geometry, start, x, v, identity, scratch, offset)
+                    gather_tube(
+                        2, MOTIONS, task, row, shape, geometry, start, x, v, identity, scratch, offset
+                    )
                     for column in range(nx):
                         cell, s = row * nx + column, slice_of(column, nx)
                         begin, end = offset[task, s - 1], offset[task, s + 2]

@@ -6,6 +6,11 @@
 Limits: the step follows the fastest flow, at `cfl` spacings a step.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
 from tianim.lang import f32_1d, f32_2d, ti
 from tianim.system import Bounds
 from tianim.systems.fluid.forces import Forces
@@ -20,7 +25,8 @@ from tianim.systems.fluid.walls import LEAST, Walls
 # A drift is a fraction of a percent of a spacing; where two blocks were driven into each other it is
 # undone over several steps, so many spacings in each.
 LARGEST_DRIFT = 0.1
-# The motion is solved to this part of the error asked for: what it leaves is added up in the places.
+# A fluid at rest is solved to this part of the error asked for, for what it leaves is added up in the places;
+# a fast one to more, in proportion to its speed.
 MOTION_SHARE = 0.2
 # Longest time [s] for which a divergence is thought to act.
 LONGEST = 0.005
@@ -95,9 +101,10 @@ class Dfsph:
         """Pressures: velocities, and the drift of the places."""
         params, solve = self._params, self._pressure.solve
         least, most = params.least_iterations, params.most_iterations
-        tolerance = MOTION_SHARE * min(params.density_error, params.divergence_error)
         # A divergence acts for the time that the flow takes through a spacing, however short the steps.
-        tolerance *= min(dt / min(self._forces.limits.flow, LONGEST), 1.0)
+        flow = min(self._forces.limits.flow, LONGEST)
+        tolerance = min(MOTION_SHARE * LONGEST / flow, 1.0) * min(dt / flow, 1.0)
+        tolerance *= min(params.density_error, params.divergence_error)
         motion = solve(MOTION, dt, tolerance, least, most)
         self.solved = (motion, solve(DRIFT, dt, params.density_error, 0, most))
 
@@ -124,3 +131,10 @@ class Dfsph:
             "drift_iterations": float(drift.iterations),
             "solver_error": drift.error,
         }
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Nothing: a step depends on the columns alone."""
+        return {}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Nothing to take over."""

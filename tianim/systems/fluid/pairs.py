@@ -47,6 +47,8 @@ HEADROOM = 1.3
 LEAST_ROOM = 1024
 # Neighbours that a line of a task has room for at first; it grows to what is found.
 LINE = 240
+# A periodic box with so much of its volume in particles has no surface.
+FULL = 0.97
 MOST_PAIRS = (1 << 31) - 1
 TINY = 1e-12  # [in h^2] keeps the direction of two particles in one place finite
 
@@ -202,6 +204,7 @@ class Pairs:
             length[:] = np.subtract(bounds.upper, bounds.lower)
             length[self.particles.dimension :] = 0.0
             lower[:] = bounds.lower
+        self._space = float(np.prod(length[: self.particles.dimension], dtype=np.float64))
         self.lower.from_numpy(lower)
         self.length.from_numpy(length)
 
@@ -216,8 +219,10 @@ class Pairs:
 
     @property
     def is_full(self) -> bool:
-        """Whether space has no end along any axis of the fluid: it is periodic."""
-        return bool((self.length.to_numpy()[: self.particles.dimension] > 0.0).all())
+        """Whether space is periodic along all axes and full of fluid, so that there is no surface."""
+        particles = self.particles
+        filled = particles.count * particles.spacing**particles.dimension
+        return 0.0 < FULL * self._space <= filled
 
     def build(self) -> None:
         """Put the particles into cell order and list their neighbours."""

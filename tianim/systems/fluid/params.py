@@ -39,7 +39,7 @@ SECONDS_PER_STEP = 1e-3
 # Part of the period of a ripple of two spacings, over 2 pi, that is stable; see surface_tension.py.
 CAPILLARY = 0.4
 # Way in a step, in spacings: PBF takes places from where they are, and bears more.
-CFL = {"dfsph": 0.4, "pbf": 0.8, "wcsph": 0.4}
+CFL = {"dfsph": 0.6, "pbf": 0.8, "wcsph": 0.4}
 # What counts as standing still when the first step is estimated [m/s].
 LEAST_SPEED = 1e-3
 
@@ -80,7 +80,7 @@ class TimeStep(Params):
     smallest: Positive = Field(1e-6, description="smallest step [s]: one that would need less stops the run")
     cfl: Annotated[float, Field(gt=0, le=2)] | None = Field(
         None,
-        description="way that the fastest particle goes in a step, part of the spacing; left out: 0.4, "
+        description="way that the fastest particle goes in a step, part of the spacing; left out: 0.6, "
         "with the method pbf 0.8",
     )
     most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
@@ -114,7 +114,7 @@ class FluidParams(SystemParams):
     viscosity: Viscosity = Field(1.0e-6, description="kinematic viscosity [m2/s]; water 1e-6, honey 5e-3")
     artificial_viscosity: Annotated[float, Field(ge=0, le=1)] = Field(
         0.1,
-        description="viscosity that is added to calm single particles, part of spacing x sqrt(gravity x spacing)",
+        description="viscosity added to calm single particles, part of spacing x sqrt(gravity x spacing)",
     )
     surface_tension: Annotated[float, Field(ge=0, le=1e4)] = Field(
         0.0, description="surface tension [N/m]; water 0.0728"

@@ -51,6 +51,12 @@ class Method(Protocol):
     def diagnostics(self) -> dict[str, float]:
         """Numbers of the last step."""
 
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What the next step depends on beside the columns."""
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+
 
 METHODS: dict[str, Any] = {"dfsph": Dfsph, "pbf": Pbf, "wcsph": Wcsph}
 
@@ -221,7 +227,8 @@ class Fluid:
             "density": self.particles.density.to_numpy()[: self.count],
             "pressure": self.particles.pressure.to_numpy()[: self.count],
         }
-        return self.particles.columns.state() | arrays | counted | self.emitters.state() | self.sinks.state()
+        parts = (self.particles.columns, self.method, self.emitters, self.sinks)
+        return arrays | counted | {key: value for part in parts for key, value in part.state().items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
@@ -230,8 +237,8 @@ class Fluid:
             values = np.zeros(array.shape, np.float32)
             values[: self.count] = state[name]
             array.from_numpy(values)
-        self.emitters.restore(state)
-        self.sinks.restore(state)
+        for part in (self.method, self.emitters, self.sinks):
+            part.restore(state)
         self.clamped = int(state["clamped"][0])
         names = self.method.diagnostics() | self.forces.diagnostics()
         self._restored = {name: float(value) for name, value in zip(names, state["solver"], strict=True)}

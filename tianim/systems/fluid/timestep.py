@@ -4,6 +4,7 @@ flow       cfl d: the way that the fastest goes in a step, |v| dt + |g| dt^2
 spray      2.5 cfl d: the same for particles with next to no neighbours, which only walls can meet
 pressed    PRESSED d / sqrt(2 mean P / rho), by dfsph: layers under pressure swing against each other, and the
            deeper the fluid the faster; for a pool at rest it is PRESSED d / sqrt(g H)
+depth      what pbf allows itself in deep fluid, see pbf.py
 capillary  CAPILLARY sqrt(rho d^3 / (2 pi sigma)): the shortest ripple (Brackbill et al. 1992)
 acoustic   COURANT h / (c + |v|): where the method has a speed of sound (weakly compressible SPH)
 viscous    EXPLICIT d^2 / nu: no limit, for beyond it the viscosity is found implicitly
@@ -39,6 +40,7 @@ CURES = {
     "pressed": "the fluid is deep for its spacing, or driven together: a larger spacing",
     "capillary": "the surface tension is large for the spacing: a larger spacing or less surface_tension",
     "acoustic": "the sound is fast for the spacing: a larger spacing, a smaller wcsph.sound_speed or dfsph",
+    "depth": "the fluid is deep for its spacing: a larger spacing, or dfsph",
     "largest": "time_step.largest is that short",
 }
 
@@ -98,6 +100,7 @@ class StepLimits:
 
     gravity      its magnitude in the last step [m/s2]
     sound_speed  [m/s], set by a method that has one
+    depth        [s], set by a method that has such a limit
     flow         limit of the flow when it was last asked for [s]
     binding      what limited the step when it was last asked for
     """
@@ -106,6 +109,7 @@ class StepLimits:
         self._params, self._particles = params, particles
         self.gravity = float(np.linalg.norm(params.at(0.0).gravity))
         self.sound_speed = 0.0
+        self.depth = math.inf
         self.flow = params.time_step.largest
         self.binding = Limit(params.time_step.largest, "largest")
         lightest = min(phase.density for phase in params.all_phases())
@@ -123,6 +127,7 @@ class StepLimits:
             "flow": time_for(way, bulk, self.gravity),
             "spray": time_for(SPRAY_WAY * way, every, self.gravity),
             "capillary": self._capillary,
+            "depth": self.depth,
         }
         if params.method == "dfsph" and pressed > 0.0:
             found["pressed"] = PRESSED * params.spacing / math.sqrt(2.0 * pressed)

@@ -16,9 +16,11 @@ of a few percent of rho g H.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.spatial.bodies import POSITION, SHAPE
@@ -36,8 +38,6 @@ from tianim.systems.fluid.walls import BOUNDS, Walls
 MACH = 10.0
 # Least flow [m/s] that a speed of sound is made for: a fluid at rest without gravity.
 SLOWEST = 0.1
-# A box is full with this part of the particles that it has room for.
-FULL = 0.97
 # Relative density below which nothing pulls harder.
 THINNEST = 0.9
 # Strength of Monaghan's viscosity. It is a kinematic viscosity of alpha c h / (2 (dimension + 2)), less what
@@ -118,13 +118,6 @@ def fall_height(particles: Particles, walls: Walls, gravity: tuple[float, float,
     return float(heights.max()) - lowest
 
 
-def fills(particles: Particles, pairs: Pairs) -> bool:
-    """Whether a periodic box is full of fluid, so that there is no surface."""
-    box = pairs.length.to_numpy()[: particles.dimension].astype(float)
-    room = float(np.prod(box))
-    return room > 0.0 and particles.count * particles.spacing**particles.dimension >= FULL * room
-
-
 class Wcsph:
     """The method `wcsph`: steps `particles`.
 
@@ -190,7 +183,7 @@ class Wcsph:
         particles, pairs, walls, n = self._particles, self.pairs, self._walls, self._particles.count
         x, v, phase = particles["position"], particles["velocity"], particles["phase"]
         # Where there is a surface nothing pulls; a box that is full has none, and would tear.
-        thinnest = THINNEST if fills(particles, pairs) else 1.0
+        thinnest = THINNEST if pairs.is_full else 1.0
         press(n, thinnest, self._gamma, self._stiffness, phase, particles.density, particles.pressure)
         push(
             n, particles.h, self.alpha_c_h, particles.rest_density, phase,
@@ -212,3 +205,10 @@ class Wcsph:
     def diagnostics(self) -> dict[str, float]:
         """The speed of sound [m/s]."""
         return {"sound_speed": self.sound_speed}
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Nothing: a step depends on the columns alone."""
+        return {}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Nothing to take over."""

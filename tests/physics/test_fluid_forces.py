@@ -265,7 +265,7 @@ def limited(**more: Any) -> tuple[StepLimits, Particles]:
 
 def test_flow_limits_the_step() -> None:
     """5 m/s in the bulk and 30 m/s of a lone particle, under gravity: each goes no farther than it may."""
-    limits, _ = limited(time_step={"largest": 1.0})
+    limits, _ = limited(time_step={"largest": 1.0, "cfl": 0.4})
     found = limits.limits()
     for name, speed, way in (("flow", 5.0, 0.04), ("spray", 30.0, 0.1)):
         t = found[name]

@@ -93,32 +93,11 @@ def test_two_particles_in_one_place_push_nowhere() -> None:
     np.testing.assert_array_equal(pairs.gradient.to_numpy()[:, pairs.begin.to_numpy()[0]], 0.0)
 
 
-def test_a_skin_serves_until_something_has_moved_half_of_it() -> None:
-    particles = particles_at(cloud(600, 3, np.zeros(3), np.full(3, 8 * D)))
-    pairs = Pairs(particles, Bounds(), skin=0.2 * D)
-    assert pairs.update()
-    x = particles.columns.read("position")
-    step = np.zeros_like(x)
-    step[5, 0] = 0.09 * D
-    particles.columns.write("position", x + step)
-    assert not pairs.update()
-    pairs.weigh()
-    fresh = particles_at(particles.columns.read("position").astype(np.float64))
-    Pairs(fresh, Bounds()).build()
-    np.testing.assert_allclose(
-        particles.in_id_order(particles.density),
-        fresh.in_id_order(fresh.density),
-        rtol=DENSITY_TOLERANCE * 10,
-    )
-    particles.columns.write("position", x + 1.2 * step)
-    assert pairs.update()
-
-
-def test_particles_that_come_are_listed_at_once() -> None:
+def test_particles_that_come_are_listed() -> None:
     particles = Particles(10, 3, D, 2.0, np.array([1000.0], np.float32))
     particles.columns.append(1, {"position": np.zeros((1, 3))})
-    pairs = Pairs(particles, Bounds(), skin=0.2 * D)
-    assert pairs.update()
+    pairs = Pairs(particles, Bounds())
+    pairs.build()
     particles.columns.append(1, {"position": np.array([[0.5 * D, 0.0, 0.0]])})
-    assert pairs.update()
+    pairs.build()
     check_all(pairs, np.zeros(3))

@@ -364,4 +364,4 @@ def test_estimates_grow_with_the_particles() -> None:
     assert large.seconds_per_step() > small.seconds_per_step() > 0.0
     assert large.largest_step() == 0.005
     fast = fluid(blocks={"a": {**CUBE, "velocity": (0, -20, 0)}})
-    assert fast.largest_step() == pytest.approx(0.4 * D / 20.0)
+    assert fast.largest_step() == pytest.approx(fast.cfl * D / 20.0)

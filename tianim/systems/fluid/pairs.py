@@ -11,9 +11,6 @@ beforehand; where a segment is too short the walk says so, all of them grow, and
 
 Each pair stands in both rows, a particle is not its own neighbour. The order within a row depends on the
 order of storage alone, not on the number of threads; where a row lies does not matter to anybody.
-
-With a skin the rows hold pairs up to h + skin (with gradient 0 beyond h); they serve several steps, while
-nothing has moved more than half the skin, and `weigh` finds gradients and densities anew.
 """
 
 from typing import Any
@@ -25,7 +22,7 @@ from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.smoothing import cubic, cubic_slope
 from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NeighborGrid
-from tianim.spatial.neighbor_lists import copy_positions, largest_move, list_run, nearest_image, number_places
+from tianim.spatial.neighbor_lists import list_run, number_places
 from tianim.spatial.tubes import (
     NX,
     PIECES,
@@ -56,7 +53,6 @@ TINY = 1e-12  # [in h^2] keeps the direction of two particles in one place finit
 @ti.kernel
 def list_pairs(
     dimension: ti.template(),
-    weighing: ti.template(),
     h: ti.f32,
     reach: ti.f32,
     scale: ti.f32,
@@ -76,7 +72,7 @@ def list_pairs(
     gradient: f32_2d,
     density: f32_1d,
 ):
-    """Rows of all particles; where `weighing`, gradients and densities too. `scale` is V s.
+    """Rows, gradients and densities of all particles. `scale` is V s.
 
     needed[0, piece]: pairs of the piece; needed[1, piece]: its longest row. Nothing is written beyond
     `room` pairs a piece or the length of a line.
@@ -116,73 +112,36 @@ def list_pairs(
                                 for k in range(near):
                                     j = line[task, k]
                                     neighbour[at + k] = ti.cast(scratch[6, j], ti.i32)
-                                    if ti.static(weighing):
-                                        dx, dy = (
-                                            scratch[0, me] - scratch[0, j],
-                                            scratch[1, me] - scratch[1, j],
-                                        )
-                                        dz = 0.0
-                                        if ti.static(dimension == 3):
-                                            dz = scratch[2, me] - scratch[2, j]
-                                        r = ti.sqrt(dx * dx + dy * dy + dz * dz + TINY * h * h)
-                                        total += cubic(r / h)
-                                        g = scale * cubic_slope(r / h) / (h * r)
-                                        gradient[0, at + k] = g * dx
-                                        gradient[1, at + k] = g * dy
-                                        gradient[2, at + k] = g * dz
-                                if ti.static(weighing):
-                                    density[i] = scale * total
+                                    dx, dy = (
+                                        scratch[0, me] - scratch[0, j],
+                                        scratch[1, me] - scratch[1, j],
+                                    )
+                                    dz = 0.0
+                                    if ti.static(dimension == 3):
+                                        dz = scratch[2, me] - scratch[2, j]
+                                    r = ti.sqrt(dx * dx + dy * dy + dz * dz + TINY * h * h)
+                                    total += cubic(r / h)
+                                    g = scale * cubic_slope(r / h) / (h * r)
+                                    gradient[0, at + k] = g * dx
+                                    gradient[1, at + k] = g * dy
+                                    gradient[2, at + k] = g * dz
+                                density[i] = scale * total
                 needed[0, piece] = m
                 needed[1, piece] = longest
                 piece = take_turn(shape)
 
 
-@ti.kernel
-def weigh_pairs(
-    n: ti.i32,
-    h: ti.f32,
-    scale: ti.f32,
-    length: f32_1d,
-    x: f32_2d,
-    begin: i32_1d,
-    end: i32_1d,
-    neighbour: i32_1d,
-    gradient: f32_2d,
-    density: f32_1d,
-):
-    """Gradients and densities of the places of now, on the rows that there are."""
-    for i in range(n):
-        total = cubic(0.0)
-        a, b, c = x[0, i], x[1, i], x[2, i]
-        for k in range(begin[i], end[i]):
-            j = neighbour[k]
-            dx = nearest_image(a - x[0, j], length[0])
-            dy = nearest_image(b - x[1, j], length[1])
-            dz = nearest_image(c - x[2, j], length[2])
-            r = ti.sqrt(dx * dx + dy * dy + dz * dz + TINY * h * h)
-            total += cubic(r / h)
-            g = scale * cubic_slope(r / h) / (h * r)
-            gradient[0, k] = g * dx
-            gradient[1, k] = g * dy
-            gradient[2, k] = g * dz
-        density[i] = scale * total
-
-
 class Pairs:
     """Rows of neighbours of `particles`, for kernels: begin, end, neighbour, gradient.
 
-    gradients  whether gradients and densities are found along with the rows
-    skin       [m] beyond h up to which pairs are listed
     length     of the periodic box by axis [m], 0 where there is none, for `nearest_image`; lower: its corner
     """
 
-    def __init__(
-        self, particles: Particles, bounds: Bounds, gradients: bool = True, skin: float = 0.0
-    ) -> None:
-        self.particles, self.gradients, self.skin = particles, gradients, skin
+    def __init__(self, particles: Particles, bounds: Bounds) -> None:
+        self.particles = particles
         capacity = particles.columns.capacity
         self.grid = NeighborGrid(
-            particles.columns.room, particles.dimension, bounds, particles.h + skin, tagged=True
+            particles.columns.room, particles.dimension, bounds, particles.h, tagged=True
         )
         self.begin: Any = ti.ndarray(ti.i32, capacity)
         self.end: Any = ti.ndarray(ti.i32, capacity)
@@ -191,12 +150,9 @@ class Pairs:
         self.length: Any = ti.ndarray(ti.f32, 3)
         self.lower: Any = ti.ndarray(ti.f32, 3)
         self._set_box(bounds)
-        self._reference: Any = ti.ndarray(ti.f32, (3, capacity)) if skin > 0.0 else None
-        self._moves: Any = ti.ndarray(ti.f32, self.grid.tasks)
         self._needed: Any = ti.ndarray(ti.i32, (2, self.grid.tasks * PIECES))
         self._line: Any = ti.ndarray(ti.i32, (self.grid.tasks, staggered(LINE)))
         self._reserve(LEAST_ROOM)
-        self._built, self._count = False, 0
 
     def _set_box(self, bounds: Bounds) -> None:
         lower, length = np.zeros(3, np.float32), np.zeros(3, np.float32)
@@ -215,7 +171,7 @@ class Pairs:
             raise SceneError(f"fluid: {total:,} places for pairs of neighbours, at most {MOST_PAIRS:,}")
         self._room = room
         self.neighbour: Any = ti.ndarray(ti.i32, staggered(total))
-        self.gradient: Any = ti.ndarray(ti.f32, (3, staggered(total) if self.gradients else 1))
+        self.gradient: Any = ti.ndarray(ti.f32, (3, staggered(total)))
 
     @property
     def is_full(self) -> bool:
@@ -230,37 +186,13 @@ class Pairs:
         self.grid.sort(particles.columns)
         while not self._list():
             pass
-        if self.skin > 0.0:
-            copy_positions(particles.count, particles["position"], self._reference)
-        self._built, self._count = True, particles.count
-
-    def update(self) -> bool:
-        """With a skin: build where something has moved half of it; whether that was needed."""
-        particles, grid = self.particles, self.grid
-        if self._built and self._count == particles.count:
-            largest_move(
-                particles.count, grid.tasks, grid.stride, self.length, particles["position"],
-                self._reference, self._moves,
-            )  # fmt: skip
-            if self._moves.to_numpy().max() <= (0.5 * self.skin) ** 2:
-                return False
-        self.build()
-        return True
-
-    def weigh(self) -> None:
-        """Gradients and densities of the places of now."""
-        particles = self.particles
-        weigh_pairs(
-            particles.count, particles.h, particles.volume * particles.scale, self.length,
-            particles["position"], self.begin, self.end, self.neighbour, self.gradient, particles.density,
-        )  # fmt: skip
 
     def _list(self) -> bool:
         """One walk; False where there was not room enough, and now is."""
         particles, grid = self.particles, self.grid
-        reach = (particles.h + self.skin) ** 2
+        reach = particles.h**2
         list_pairs(
-            particles.dimension, self.gradients, particles.h, reach, particles.volume * particles.scale,
+            particles.dimension, particles.h, reach, particles.volume * particles.scale,
             self._room, grid.shape, grid.geometry, grid.start, particles["position"], self._place,
             grid.scratch, grid.offset, self._line, self._needed, self.begin, self.end, self.neighbour,
             self.gradient, particles.density,

@@ -39,7 +39,7 @@ SECONDS_PER_STEP = 1e-3
 # Part of the period of a ripple of two spacings, over 2 pi, that is stable; see surface_tension.py.
 CAPILLARY = 0.4
 # Way in a step, in spacings: PBF takes places from where they are, and bears more.
-CFL = {"dfsph": 0.6, "pbf": 0.8, "wcsph": 0.4}
+CFL = {"dfsph": 0.5, "pbf": 0.8, "wcsph": 0.4}
 # What counts as standing still when the first step is estimated [m/s].
 LEAST_SPEED = 1e-3
 
@@ -80,7 +80,7 @@ class TimeStep(Params):
     smallest: Positive = Field(1e-6, description="smallest step [s]: one that would need less stops the run")
     cfl: Annotated[float, Field(gt=0, le=2)] | None = Field(
         None,
-        description="way that the fastest particle goes in a step, part of the spacing; left out: 0.6, "
+        description="way that the fastest particle goes in a step, part of the spacing; left out: 0.5, "
         "with the method pbf 0.8",
     )
     most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(

@@ -38,7 +38,7 @@ class Rest(NamedTuple):
     rms: float  # of the pressure's error, over rho g H [%]
     speed: float  # largest, over sqrt(g H)
     density: float  # mean error [%]
-    loss: float  # of the level, in spacings
+    level: float  # how far it moved, in spacings
 
 
 @lru_cache(maxsize=8)
@@ -71,7 +71,7 @@ def rest(method: str, layers: int, until: float) -> Rest:
         float(100.0 * np.sqrt(np.mean((p - weight * (DEPTH - y)) ** 2)) / (weight * DEPTH)),
         float(max(fastest) / np.sqrt(GRAVITY * DEPTH)),
         float(100.0 * np.mean(squeezed)),
-        float((DEPTH - height(places(system), d)) / d),
+        float(abs(DEPTH - height(places(system), d)) / d),
     )
 
 
@@ -121,7 +121,7 @@ def _at_rest(method: str, layers: int, until: float, slow: bool) -> tuple[Case, 
         ("rms", "RMS error of the pressure over rho g H", 3.0, 0.0, "below", "%"),
         ("speed", "largest speed over sqrt(g H)", 0.02, 0.0, "below", ""),
         ("density", "mean density error", DENSITY_ERROR[method], 0.0, "below", "%"),
-        ("loss", "loss of height in spacings", 1.0, 0.0, "below", ""),
+        ("level", "change of height in spacings", 1.0, 0.0, "below", ""),
     )
     return tuple(
         Case(

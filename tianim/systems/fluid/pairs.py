@@ -7,6 +7,9 @@ gradients and the sum of the kernels: an iteration of a pressure solver then rea
 computes no kernel. Each piece of the walk appends to a segment of its own, so that nothing is counted
 beforehand; where a segment is too short the walk says so, all of them grow, and it is done again.
 
+Along with them the moment m_i = - sum_j G_ij . x_ij / dimension, by which delta grows when all is pressed
+together: the stress in the fluid is the mean of m P, and that is the pressure that is shown.
+
     row of particle i:  neighbour[begin[i] .. end[i]),   gradient[:, begin[i] .. end[i])
 
 Each pair stands in both rows, a particle is not its own neighbour. The order within a row depends on the
@@ -71,8 +74,9 @@ def list_pairs(
     neighbour: i32_1d,
     gradient: f32_2d,
     density: f32_1d,
+    moment: f32_1d,
 ):
-    """Rows, gradients and densities of all particles. `scale` is V s.
+    """Rows, gradients, densities and moments of all particles. `scale` is V s.
 
     needed[0, piece]: pairs of the piece; needed[1, piece]: its longest row. Nothing is written beyond
     `room` pairs a piece or the length of a line.
@@ -108,7 +112,7 @@ def list_pairs(
                             begin[i], end[i] = at, at
                             if fits and m <= room:
                                 end[i] = at + near
-                                total = cubic(0.0)
+                                total, stretched = cubic(0.0), 0.0
                                 for k in range(near):
                                     j = line[task, k]
                                     neighbour[at + k] = ti.cast(scratch[6, j], ti.i32)
@@ -119,13 +123,16 @@ def list_pairs(
                                     dz = 0.0
                                     if ti.static(dimension == 3):
                                         dz = scratch[2, me] - scratch[2, j]
-                                    r = ti.sqrt(dx * dx + dy * dy + dz * dz + TINY * h * h)
+                                    r2 = dx * dx + dy * dy + dz * dz + TINY * h * h
+                                    r = ti.sqrt(r2)
                                     total += cubic(r / h)
                                     g = scale * cubic_slope(r / h) / (h * r)
                                     gradient[0, at + k] = g * dx
                                     gradient[1, at + k] = g * dy
                                     gradient[2, at + k] = g * dz
+                                    stretched += g * r2
                                 density[i] = scale * total
+                                moment[i] = -stretched / dimension
                 needed[0, piece] = m
                 needed[1, piece] = longest
                 piece = take_turn(shape)
@@ -195,7 +202,7 @@ class Pairs:
             particles.dimension, particles.h, reach, particles.volume * particles.scale,
             self._room, grid.shape, grid.geometry, grid.start, particles["position"], self._place,
             grid.scratch, grid.offset, self._line, self._needed, self.begin, self.end, self.neighbour,
-            self.gradient, particles.density,
+            self.gradient, particles.density, particles.moment,
         )  # fmt: skip
         pairs, longest = (int(value) for value in self._needed.to_numpy().max(axis=1))
         enough = True

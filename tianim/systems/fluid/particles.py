@@ -26,7 +26,8 @@ class Particles:
     """State in `columns`, and what each step finds anew, in storage order.
 
     density       delta of each particle, walls included, (capacity,)
-    pressure      [Pa], (capacity,)
+    moment        how delta grows with compression, 1 but for the disorder of the neighbours, (capacity,)
+    pressure      what the methods solve for [Pa], (capacity,); moment times pressure is the fluid's
     acceleration  of all but pressure [m/s2], (3, capacity)
     """
 
@@ -48,9 +49,10 @@ class Particles:
         self.rest_density: Any = ti.ndarray(ti.f32, len(rest_density))
         self.rest_density.from_numpy(rest_density)
         self.density: Any = ti.ndarray(ti.f32, capacity)
+        self.moment: Any = ti.ndarray(ti.f32, capacity)
         self.pressure: Any = ti.ndarray(ti.f32, capacity)
         self.acceleration: Any = ti.ndarray(ti.f32, (3, capacity))
-        for array in (self.density, self.pressure, self.acceleration):
+        for array in (self.density, self.moment, self.pressure, self.acceleration):
             array.fill(0.0)
 
     @property
@@ -58,10 +60,14 @@ class Particles:
         """Live particles."""
         return self.columns.count
 
-    def in_id_order(self, array: Any) -> NDArray[np.float32]:
-        """A copy of one of the arrays of a step, (n,) [its unit], in id order."""
-        order = np.argsort(self.columns["id"].to_numpy()[0, : self.count])
-        return np.asarray(array.to_numpy()[: self.count][order])
+    def shown_pressure(self) -> NDArray[np.float32]:
+        """The fluid's pressure [Pa], (n,), in storage order."""
+        n = self.count
+        return np.asarray(self.pressure.to_numpy()[:n] * self.moment.to_numpy()[:n])
+
+    def in_id_order(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values of a step, (n,), from storage order."""
+        return np.asarray(values[np.argsort(self.columns["id"].to_numpy()[0, : self.count])])
 
     def __getitem__(self, name: str) -> Any:
         return self.columns[name]

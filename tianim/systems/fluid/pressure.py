@@ -19,12 +19,15 @@ Solved by projected Jacobi iterations, P <- max(0, P + omega r / D), D the diago
 over the largest eigenvalue of D^-1 A, hastened by
 Nesterov's momentum, begun anew where it leads uphill (O'Donoghue & Candes 2015,
 doi:10.1007/s10208-013-9150-3); from the pressures of the last step. An iteration is two passes over the
-stored pairs: accelerations, then pressures. The whole solve is one kernel, in which tasks meet at
+stored pairs: accelerations, then pressures; in both the own part of the sums is taken out, P_i and a_i
+times the sum of the gradients, so that a pair costs three multiplications. What the last pressures do is
+what the particles get. The whole solve is one kernel, in which tasks meet at
 barriers (see crew.py). The error is the mean of what is left of r, dt^2 |r| where P > 0 or r > 0: pressure
 that is too high counts as well as compression, for it too becomes velocity.
 
 Where space is periodic along all axes there need be no surface, and pressures are of both signs in dense
 fluid: of its pressure only differences are known, and a fluid that cannot pull would tear in every whirl.
+Gradients are corrected there (see correction.py).
 """
 
 import math
@@ -36,6 +39,7 @@ import numpy as np
 
 from tianim.lang import ti
 from tianim.math.smoothing import cubic_slopes
+from tianim.systems.fluid.correction import Correction
 from tianim.systems.fluid.crew import MOST_TURNS, PIECE, Crew
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.particles import Particles
@@ -99,6 +103,8 @@ class PressureSolver:
         self._particles, self._pairs, self._walls = particles, pairs, walls
         capacity = particles.columns.capacity
         self._crew = Crew(capacity)
+        self._correction = Correction(particles, pairs, walls) if full else None
+        self._total: Any = ti.ndarray(ti.f32, (3, capacity))
         self._diagonal: Any = ti.ndarray(ti.f32, capacity)
         self._source: Any = ti.ndarray(ti.f32, capacity)
         self._last: Any = ti.ndarray(ti.f32, capacity)
@@ -115,12 +121,14 @@ class PressureSolver:
         """Solve for the motion or the drift; the motion comes first, for it prepares the diagonal."""
         crew, report, n = self._crew, self._report, self._particles.count
         most = min(most, MOST_ITERATIONS)
+        if stage == MOTION and self._correction:
+            self._correction.find()
         if not crew.works:
             return self._solve_by_passes(stage, dt, tolerance, least, most)
         crew.begin()
         solve(
             stage, n, dt, self._lone, self._lowest, self._relaxation, tolerance, least, most,
-            crew.tasks_for(n), crew.stride, crew.array, crew.sums, *self._arrays(), report,
+            crew.tasks_for(n), crew.stride, crew.array, crew.sums, *self._arrays(stage), report,
         )  # fmt: skip
         iterations, error, first = (float(value) for value in report.to_numpy())
         return Solved(int(iterations), error, first)
@@ -130,28 +138,32 @@ class PressureSolver:
         first = error = self._launch(PREPARE, stage, dt, self._relaxation, 0.0)[0]
         iterations, pace, momentum, omega, best = 0, 1.0, 0.0, self._relaxation, math.inf
         while iterations < most and (error > tolerance or (stage == MOTION and iterations < max(least, 1))):
-            self._launch(ACCELERATE, stage, dt, omega, momentum)
+            if stage == DRIFT or iterations:
+                self._launch(ACCELERATE, stage, dt, omega, momentum)
             error, progress = self._launch(RELAX, stage, dt, omega, momentum)
             faster, grows = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace * pace)), error > GROWTH * best
             pace, momentum = (faster, (pace - 1.0) / faster) if progress >= 0.0 and not grows else (1.0, 0.0)
             omega, best = (SLOWER * omega, error) if grows else (omega, min(best, error))
             iterations += 1
-        if stage == MOTION:
+        if iterations:
             self._launch(FINISH, stage, dt, omega, momentum)
         return Solved(iterations, error, first)
 
     def _launch(self, work: int, stage: int, dt: float, omega: float, momentum: float) -> tuple[float, float]:
         """One pass; what is left of r as a compression, and the progress, means over the particles."""
         n, sums = self._particles.count, self._crew.sums
-        launch(work, stage, n, dt, self._lone, self._lowest, omega, momentum, sums, *self._arrays())
+        launch(work, stage, n, dt, self._lone, self._lowest, omega, momentum, sums, *self._arrays(stage))
         left, progress = sums.to_numpy()[:2, : -(-n // PIECE)].sum(axis=1, dtype=np.float64) / n
         return float(left) * dt * dt, float(progress)
 
-    def _arrays(self) -> tuple[Any, ...]:
+    def _arrays(self, stage: int) -> tuple[Any, ...]:
         """What every pass reads and writes, as the kernels take them."""
         particles, pairs, walls = self._particles, self._pairs, self._walls
+        gradient, back = pairs.gradient, pairs.gradient
+        if stage == MOTION and self._correction:
+            gradient, back = self._correction.gradient, self._correction.back
         return (
-            self._inverse_rho, particles["phase"], pairs.begin, pairs.end, pairs.neighbour, pairs.gradient,
-            walls.gradient, walls.flux, particles.density, self._diagonal, self._source, particles["warm"],
-            self._last, self.push, particles["velocity"], particles.pressure,
+            self._inverse_rho, particles["phase"], pairs.begin, pairs.end, pairs.neighbour, gradient, back,
+            walls.gradient, walls.flux, self._total, particles.density, self._diagonal, self._source,
+            particles["warm"], self._last, self.push, particles["velocity"], particles.pressure,
         )  # fmt: skip

@@ -8,7 +8,7 @@ PREPARE, ACCELERATE, RELAX, FINISH = 0, 1, 2, 3
 # A gap in the fluid of less than so much of its density is not let shut at once, but with this time [s].
 # Shut within a step it would set the particles about it going, and these make the next gaps.
 GAP = 0.05
-CLOSING = 0.1
+CLOSING = 0.3
 # Particles out of order may have a larger eigenvalue than the lattice: where the error grows by so much over
 # the least so far, the relaxation is made smaller.
 GROWTH = 2.0
@@ -29,13 +29,14 @@ def prepare(
     gradient: ti.template(),
     wall: ti.template(),
     flux: ti.template(),
+    total: ti.template(),
     v: ti.template(),
     density: ti.template(),
     diagonal: ti.template(),
     source: ti.template(),
     lone,
 ):
-    """Source of particle i, in the first stage the diagonal too; gives max(b, 0)."""
+    """Source, diagonal and total gradient of particle i; gives max(b, 0)."""
     a, b, c = v[0, i], v[1, i], v[2, i]
     rate, square = 0.0, 0.0
     s = ti.Vector([0.0, 0.0, 0.0])
@@ -43,15 +44,16 @@ def prepare(
         j = neighbour[k]
         x, y, z = gradient[0, k], gradient[1, k], gradient[2, k]
         rate += x * (a - v[0, j]) + y * (b - v[1, j]) + z * (c - v[2, j])
-        if ti.static(stage == MOTION):
-            square += (x * x + y * y + z * z) * inverse_rho[phase[0, j]]
-            s[0] += x
-            s[1] += y
-            s[2] += z
+        square += (x * x + y * y + z * z) * inverse_rho[phase[0, j]]
+        s[0] += x
+        s[1] += y
+        s[2] += z
     g = ti.Vector([wall[0, i], wall[1, i], wall[2, i]])
     rate += g[0] * a + g[1] * b + g[2] * c - flux[i]
+    s += g
+    total[0, i], total[1, i], total[2, i] = s[0], s[1], s[2]
+    diagonal[i] = square + inverse_rho[phase[0, i]] * s.norm_sqr()
     if ti.static(stage == MOTION):
-        diagonal[i] = square + inverse_rho[phase[0, i]] * (s + g).norm_sqr()
         gap = ti.max(1.0 - density[i], 0.0)
         source[i] = rate / dt - ti.max(gap - GAP, 0.0) / (dt * dt) - gap / (dt * CLOSING)
     else:
@@ -61,6 +63,7 @@ def prepare(
 
 @ti.func
 def accelerate(
+    last_one: ti.template(),
     i,
     row: ti.template(),
     inverse_rho: ti.template(),
@@ -68,19 +71,22 @@ def accelerate(
     begin: ti.template(),
     end: ti.template(),
     neighbour: ti.template(),
-    gradient: ti.template(),
-    wall: ti.template(),
+    back: ti.template(),
+    total: ti.template(),
     warm: ti.template(),
+    last: ti.template(),
     push: ti.template(),
 ):
-    """Acceleration of particle i by the pressures of now."""
+    """Acceleration of particle i by the pressures of now; by those of `last`, where it is the `last_one`."""
     p = warm[row, i]
-    x, y, z = p * wall[0, i], p * wall[1, i], p * wall[2, i]
+    if ti.static(last_one):
+        p = last[i]
+    x, y, z = p * total[0, i], p * total[1, i], p * total[2, i]
     for k in range(begin[i], end[i]):
-        both = p + warm[row, neighbour[k]]
-        x += both * gradient[0, k]
-        y += both * gradient[1, k]
-        z += both * gradient[2, k]
+        q = last[neighbour[k]] if ti.static(last_one) else warm[row, neighbour[k]]
+        x += q * back[0, k]
+        y += q * back[1, k]
+        z += q * back[2, k]
     w = -inverse_rho[phase[0, i]]
     push[0, i], push[1, i], push[2, i] = w * x, w * y, w * z
 
@@ -97,7 +103,7 @@ def relax(
     end: ti.template(),
     neighbour: ti.template(),
     gradient: ti.template(),
-    wall: ti.template(),
+    total: ti.template(),
     density: ti.template(),
     diagonal: ti.template(),
     source: ti.template(),
@@ -109,15 +115,10 @@ def relax(
 
     Gives what was left of r before, and whether the momentum helped, r (p - before).
     """
-    a, b, c = push[0, i], push[1, i], push[2, i]
-    r = source[i] + wall[0, i] * a + wall[1, i] * b + wall[2, i] * c
+    r = source[i] + total[0, i] * push[0, i] + total[1, i] * push[1, i] + total[2, i] * push[2, i]
     for k in range(begin[i], end[i]):
         j = neighbour[k]
-        r += (
-            gradient[0, k] * (a - push[0, j])
-            + gradient[1, k] * (b - push[1, j])
-            + gradient[2, k] * (c - push[2, j])
-        )
+        r -= gradient[0, k] * push[0, j] + gradient[1, k] * push[1, j] + gradient[2, k] * push[2, j]
     d = diagonal[i]
     before = last[i]
     y = warm[row, i]
@@ -144,8 +145,10 @@ def visit(
     end: ti.template(),
     neighbour: ti.template(),
     gradient: ti.template(),
+    back: ti.template(),
     wall: ti.template(),
     flux: ti.template(),
+    total: ti.template(),
     density: ti.template(),
     diagonal: ti.template(),
     source: ti.template(),
@@ -160,20 +163,27 @@ def visit(
     if ti.static(work == PREPARE):
         last[i] = warm[stage, i]
         found[0] = prepare(
-            stage, i, dt, inverse_rho, phase, begin, end, neighbour, gradient, wall, flux, v, density,
+            stage, i, dt, inverse_rho, phase, begin, end, neighbour, gradient, wall, flux, total, v, density,
             diagonal, source, lone,
         )  # fmt: skip
+        # The motion always takes an iteration, which begins with this.
+        if ti.static(stage == MOTION):
+            accelerate(
+                False, i, stage, inverse_rho, phase, begin, end, neighbour, back, total, warm, last, push
+            )
     if ti.static(work == ACCELERATE):
-        accelerate(i, stage, inverse_rho, phase, begin, end, neighbour, gradient, wall, warm, push)
+        accelerate(False, i, stage, inverse_rho, phase, begin, end, neighbour, back, total, warm, last, push)
     if ti.static(work == RELAX):
         found = relax(
-            i, stage, lone, lowest, relaxation, momentum, begin, end, neighbour, gradient, wall, density,
+            i, stage, lone, lowest, relaxation, momentum, begin, end, neighbour, gradient, total, density,
             diagonal, source, warm, last, push,
         )  # fmt: skip
     if ti.static(work == FINISH):
-        pressure[i] = last[i]
-        for c in ti.static(range(3)):
-            v[c, i] += dt * push[c, i]
+        accelerate(True, i, stage, inverse_rho, phase, begin, end, neighbour, back, total, warm, last, push)
+        if ti.static(stage == MOTION):
+            pressure[i] = last[i]
+            for c in ti.static(range(3)):
+                v[c, i] += dt * push[c, i]
     return found
 
 
@@ -196,8 +206,10 @@ def sweep(
     end: ti.template(),
     neighbour: ti.template(),
     gradient: ti.template(),
+    back: ti.template(),
     wall: ti.template(),
     flux: ti.template(),
+    total: ti.template(),
     density: ti.template(),
     diagonal: ti.template(),
     source: ti.template(),
@@ -210,15 +222,16 @@ def sweep(
     """A pass over the pieces that this task takes; compressions are summed by piece."""
     piece = take(crew, turn)
     while piece < pieces(n):
-        total = ti.Vector([0.0, 0.0])
+        found = ti.Vector([0.0, 0.0])
         for i in range(first_of(piece), last_of(piece, n)):
-            total += visit(
+            found += visit(
                 work, stage, i, dt, lone, lowest, relaxation, momentum, inverse_rho, phase, begin, end,
-                neighbour, gradient, wall, flux, density, diagonal, source, warm, last, push, v, pressure,
+                neighbour, gradient, back, wall, flux, total, density, diagonal, source, warm, last, push, v,
+                pressure,
             )  # fmt: skip
         if ti.static(work == PREPARE or work == RELAX):
-            sums[turn % 4 // 2 * 2, piece] = total[0]
-            sums[turn % 4 // 2 * 2 + 1, piece] = total[1]
+            sums[turn % 4 // 2 * 2, piece] = found[0]
+            sums[turn % 4 // 2 * 2 + 1, piece] = found[1]
         piece = take(crew, turn)
 
 
@@ -262,8 +275,10 @@ def solve(
     end: i32_1d,
     neighbour: i32_1d,
     gradient: f32_2d,
+    back: f32_2d,
     wall: f32_2d,
     flux: f32_1d,
+    total: f32_2d,
     density: f32_1d,
     diagonal: f32_1d,
     source: f32_1d,
@@ -285,8 +300,8 @@ def solve(
             turn, momentum, omega = 0, 0.0, relaxation
             sweep(
                 PREPARE, stage, n, dt, lone, lowest, omega, momentum, turn, crew, sums, inverse_rho,
-                phase, begin, end, neighbour, gradient, wall, flux, density, diagonal, source, warm, last,
-                push, v, pressure,
+                phase, begin, end, neighbour, gradient, back, wall, flux, total, density, diagonal, source,
+                warm, last, push, v, pressure,
             )  # fmt: skip
             meet(crew, tasks)
             error = mean_of(turn, 0, n, sums) * dt * dt
@@ -296,17 +311,18 @@ def solve(
             pace, best = 1.0, ENDLESS
             while working:
                 turn += 1
-                sweep(
-                    ACCELERATE, stage, n, dt, lone, lowest, omega, momentum, turn, crew, sums,
-                    inverse_rho, phase, begin, end, neighbour, gradient, wall, flux, density, diagonal,
-                    source, warm, last, push, v, pressure,
-                )  # fmt: skip
-                meet(crew, tasks)
+                if stage == DRIFT or turn > 1:
+                    sweep(
+                        ACCELERATE, stage, n, dt, lone, lowest, omega, momentum, turn, crew, sums,
+                        inverse_rho, phase, begin, end, neighbour, gradient, back, wall, flux, total, density,
+                        diagonal, source, warm, last, push, v, pressure,
+                    )  # fmt: skip
+                    meet(crew, tasks)
                 turn += 1
                 sweep(
                     RELAX, stage, n, dt, lone, lowest, omega, momentum, turn, crew, sums, inverse_rho,
-                    phase, begin, end, neighbour, gradient, wall, flux, density, diagonal, source, warm,
-                    last, push, v, pressure,
+                    phase, begin, end, neighbour, gradient, back, wall, flux, total, density, diagonal,
+                    source, warm, last, push, v, pressure,
                 )  # fmt: skip
                 meet(crew, tasks)
                 error = mean_of(turn, 0, n, sums) * dt * dt
@@ -316,12 +332,12 @@ def solve(
                     best = error
                 best = ti.min(best, error)
                 working = turn // 2 < most and (error > tolerance or turn // 2 < least)
-            if ti.static(stage == MOTION):
+            if turn > 0:
                 turn += 1
                 sweep(
                     FINISH, stage, n, dt, lone, lowest, omega, momentum, turn, crew, sums, inverse_rho,
-                    phase, begin, end, neighbour, gradient, wall, flux, density, diagonal, source, warm,
-                    last, push, v, pressure,
+                    phase, begin, end, neighbour, gradient, back, wall, flux, total, density, diagonal,
+                    source, warm, last, push, v, pressure,
                 )  # fmt: skip
             if block == 0:
                 report[0] = turn // 2
@@ -345,8 +361,10 @@ def launch(
     end: i32_1d,
     neighbour: i32_1d,
     gradient: f32_2d,
+    back: f32_2d,
     wall: f32_2d,
     flux: f32_1d,
+    total: f32_2d,
     density: f32_1d,
     diagonal: f32_1d,
     source: f32_1d,
@@ -358,10 +376,11 @@ def launch(
 ):
     """One pass by itself, for back ends on which tasks cannot meet."""
     for piece in range(pieces(n)):
-        total = ti.Vector([0.0, 0.0])
+        found = ti.Vector([0.0, 0.0])
         for i in range(first_of(piece), last_of(piece, n)):
-            total += visit(
+            found += visit(
                 work, stage, i, dt, lone, lowest, relaxation, momentum, inverse_rho, phase, begin, end,
-                neighbour, gradient, wall, flux, density, diagonal, source, warm, last, push, v, pressure,
+                neighbour, gradient, back, wall, flux, total, density, diagonal, source, warm, last, push, v,
+                pressure,
             )  # fmt: skip
-        sums[0, piece], sums[1, piece] = total[0], total[1]
+        sums[0, piece], sums[1, piece] = found[0], found[1]

@@ -37,6 +37,8 @@ from tianim.systems.fluid.wcsph import Wcsph
 # Beyond this a particle has escaped: no scene is that large or fast.
 ESCAPE = 1e6
 SETTABLE = ("position", "velocity")
+# Arrays of particles that a checkpoint keeps: the next step's length and what is shown come from them.
+OF_A_STEP = ("density", "moment", "pressure")
 
 
 class Method(Protocol):
@@ -100,6 +102,7 @@ class Fluid:
         pressure = np.zeros(self.particles.pressure.shape, np.float32)
         pressure[:count] = filled.pressure
         self.particles.pressure.from_numpy(pressure)
+        self.particles.moment.fill(1.0)
         self.walls = Walls(world.bodies, world.bounds, self.particles, params.walls)
         method = METHODS[params.method]
         pairs = method.pairs_for(params, self.particles, world.bounds)
@@ -203,8 +206,9 @@ class Fluid:
         columns = self.particles.columns
         position, velocity = (columns[name].to_numpy()[:, :n].T for name in ("position", "velocity"))
         force = {body: total / max(self._elapsed, 1e-30) for body, total in self._impulse.items()}
-        pressure, phase = self.particles.pressure.to_numpy()[:n], columns["phase"].to_numpy()[0, :n]
-        return self.gauges.read(Reading(position, velocity, pressure, phase, force))
+        phase = columns["phase"].to_numpy()[0, :n]
+        shown = self.particles.shown_pressure()
+        return self.gauges.read(Reading(position, velocity, shown, phase, force))
 
     def check(self) -> None:
         """BlowupError for the lowest id that is not finite or farther or faster than ESCAPE."""
@@ -223,17 +227,15 @@ class Fluid:
             "clamped": np.array([self.clamped]),
             "solver": np.array(list(self._solver_numbers().values())),
         }
-        arrays = {
-            "density": self.particles.density.to_numpy()[: self.count],
-            "pressure": self.particles.pressure.to_numpy()[: self.count],
-        }
+        arrays = {name: getattr(self.particles, name).to_numpy()[: self.count] for name in OF_A_STEP}
         parts = (self.particles.columns, self.method, self.emitters, self.sinks)
         return arrays | counted | {key: value for part in parts for key, value in part.state().items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
         self.particles.columns.restore(state)
-        for name, array in (("density", self.particles.density), ("pressure", self.particles.pressure)):
+        for name in OF_A_STEP:
+            array = getattr(self.particles, name)
             values = np.zeros(array.shape, np.float32)
             values[: self.count] = state[name]
             array.from_numpy(values)
@@ -251,8 +253,10 @@ class Fluid:
         """An array in id order."""
         if name not in self.arrays():
             raise SceneError(f"{self.name}: no array {name!r}; there are {', '.join(self.arrays())}")
-        if name in ("density", "pressure"):
-            return self.particles.in_id_order(getattr(self.particles, name))
+        if name == "density":
+            return self.particles.in_id_order(self.particles.density.to_numpy()[: self.count])
+        if name == "pressure":
+            return self.particles.in_id_order(self.particles.shown_pressure())
         return self.particles.columns.read(name)
 
     def write(self, name: str, values: NDArray[Any]) -> None:

@@ -79,7 +79,7 @@ def add_viscosity(
 ):
     """Add the viscous acceleration of the velocities of now; that by walls to `pull` too [m/s2].
 
-    mu[p, q]: of a pair of phases, over d^2; `scale` is C d, `softening` [m2].
+    mu[p, q]: of a pair of phases, over d^2; `scale` is C, `softening` [m2].
     """
     for i in range(n):
         own = phase[0, i]
@@ -149,7 +149,7 @@ class Viscosity:
         self._mu: Any = ti.ndarray(ti.f32, shared.shape)
         self._mu.from_numpy((shared / (d * d)).astype(np.float32))
         self._softening = (SOFTENING * d) ** 2
-        self._scale = pair_scale(support, dimension) * d
+        self._scale = pair_scale(support, dimension)
         self._drag: Any = ti.ndarray(ti.f32, DRAG_SAMPLES + 1)
         self._drag.from_numpy(drag_table(support, dimension))
         self._work: Any = None

@@ -62,9 +62,14 @@ def measure_walls(
     normal: f32_2d,
     speed: f32_2d,
     nearest: i32_1d,
+    across: ti.f32,
     density: f32_1d,
+    moment: f32_1d,
 ):
-    """What all walls are to each particle; where `adding`, the share goes into `density` too."""
+    """What all walls are to each particle; where `adding`, shares go into `density`, and into `moment`.
+
+    There a wall at s adds s |grad lambda|, in one of the `across` directions of space.
+    """
     for i in range(n):
         p = ti.Vector([x[0, i], x[1, i], x[2, i]])
         g, added = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
@@ -98,6 +103,7 @@ def measure_walls(
             speed[c, i] = v_near[c]
         if ti.static(adding):
             density[i] += total
+            moment[i] += ti.max(closest.w, 0.0) * (g + added.xyz).norm() / across
 
 
 @ti.kernel
@@ -254,10 +260,12 @@ class Walls:
             return
         self._pose()
         self._sums.fill(0.0)
+        particles = self._particles
         measure_walls(
-            n, density is not None, self.count, self.support, self._particles.h, self.table, self.samples,
+            n, density is not None, self.count, self.support, particles.h, self.table, self.samples,
             self.shares, x, self.share, self.gradient, self.flux, self.distance, self.normal, self.speed,
-            self.nearest, self.share if density is None else density,
+            self.nearest, float(particles.dimension), self.share if density is None else density,
+            particles.moment,
         )  # fmt: skip
 
     def push(self, n: int, x: Any, pressure: Any, dt: float) -> None:

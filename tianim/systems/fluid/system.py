@@ -30,6 +30,7 @@ from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.pbf import Pbf
 from tianim.systems.fluid.sinks import Sinks
+from tianim.systems.fluid.timestep import CURES
 from tianim.systems.fluid.viscosity import may_be_implicit
 from tianim.systems.fluid.walls import Walls
 from tianim.systems.fluid.wcsph import Wcsph
@@ -123,6 +124,16 @@ class Fluid:
     def max_step(self) -> float:
         """The smallest of the limits of flow, viscosity, surface tension and sound [s]."""
         return self.forces.largest_step()
+
+    def check_substeps(self, substeps: int) -> None:
+        """SceneError where a frame needs more than `time_step.most_substeps`."""
+        most, limit = self.params.time_step.most_substeps, self.forces.limits.binding
+        if substeps > most:
+            raise SceneError(
+                f"systems.{self.name}: a frame would need {substeps:,} substeps, of {limit.step:.3g} s "
+                f"({limit.name}), more than time_step.most_substeps, {most:,}: {CURES[limit.name]}; "
+                "or a larger most_substeps"
+            )
 
     def step(self, time: float, dt: float) -> None:
         """Let fluid in and out, then go on by `dt` [s]."""

@@ -1,0 +1,44 @@
+"""The fluid as a system of a scene: steps that a frame may have, what is left when all is gone, resuming."""
+
+from typing import Any
+
+import pytest
+from fluid_scenes import box, floats
+
+from tianim.errors import SceneError
+from tianim.scene import build, scene_from
+from tianim.simulation import Simulation
+
+D = 0.05
+POOL = box((0, 0, 0), (0.4, 0.3, 0.4))
+
+
+def water(scene: dict[str, Any] | None = None, **fields: Any) -> Simulation:
+    """328 particles in a tank where nothing else is said."""
+    tank = {"kind": "contained", "lower": [0, 0, 0], "upper": [0.4, 0.6, 0.4]}
+    system = {"kind": "fluid", "spacing": D, "blocks": {"pool": POOL}, **fields}
+    given = {"tianim": 1, "fps": 30, "duration": 1, "bounds": tank, **(scene or {})}
+    return build(scene_from(floats(given) | {"tianim": 1, "systems": {"water": floats(system)}}))
+
+
+def test_more_substeps_than_are_wanted_are_refused_at_the_start() -> None:
+    """5 cm / 2 at 30 m/s are 0.83 ms, of which a frame at 30 a second takes 41."""
+    quick = {"pool": {**POOL, "velocity": (30, 0, 0)}}
+    with pytest.raises(SceneError) as caught:
+        water(blocks=quick, time_step={"most_substeps": 40})
+    text = str(caught.value)
+    assert text.startswith("systems.water: a frame would need 41 substeps, of 0.000833 s (flow), more than")
+    assert "time_step.most_substeps, 40: the fluid is fast for its spacing: a larger spacing" in text
+    assert water(blocks=quick, time_step={"most_substeps": 41})
+    assert water({"duration": 0}, blocks=quick, time_step={"most_substeps": 1})
+
+
+def test_more_substeps_than_are_wanted_stop_a_run() -> None:
+    """Free fall at 200 m/s2: the first frame has a few, a later one more than 10; done ones count."""
+    fall = {"gravity": (0, -200, 0), "time_step": {"largest": 0.1, "most_substeps": 10}}
+    simulation = water({"bounds": {"kind": "open"}}, **fall)
+    made: list[float] = []
+    with pytest.raises(SceneError, match=r"would need 1\d substeps, of .* s \(flow\).*or a larger most_sub"):
+        made.extend(frame.diagnostics["substeps"] for frame in simulation.frames())
+    assert 1 < made[1] <= made[-1] <= 10
+    assert simulation.substeps < 10

@@ -6,6 +6,7 @@ import pytest
 from fluid_scenes import box, floats
 
 from tianim.errors import SceneError
+from tianim.frame import Frame
 from tianim.scene import build, scene_from
 from tianim.simulation import Simulation
 
@@ -42,3 +43,23 @@ def test_more_substeps_than_are_wanted_stop_a_run() -> None:
         made.extend(frame.diagnostics["substeps"] for frame in simulation.frames())
     assert 1 < made[1] <= made[-1] <= 10
     assert simulation.substeps < 10
+
+
+def resumed(simulation: Simulation, again: Simulation) -> tuple[Frame, Frame]:
+    """The next frame, and what it is after a restart."""
+    again.restore(simulation.state())
+    return simulation.advance(), again.advance()
+
+
+def test_when_all_is_drained_nothing_presses_and_a_restart_changes_nothing() -> None:
+    scene = {"bodies": {"ball": {"kind": "sphere", "radius": 0.1, "position": [0.2, 0.1, 0.2]}}}
+    drain = {"kind": "box", "lower": (-1, -1, -1), "upper": (1, 1, 1), "start": 0.05}
+    fields = {"gauges": {"f": {"kind": "force", "body": "ball"}}, "sinks": {"drain": drain}}
+    fields["blocks"] = {"pool": {**POOL, "carve": True}}
+    simulation = water(scene, **fields)
+    assert simulation.advance().diagnostics["water.gauge_f_y"] != 0.0
+    emptied = [simulation.advance() for _ in range(3)][-1]
+    assert emptied.diagnostics["water.particles"] == 0.0
+    assert [emptied.diagnostics[f"water.gauge_f_{axis}"] for axis in "xyz"] == [0.0, 0.0, 0.0]
+    on, again = resumed(simulation, water(scene, **fields))
+    assert on.diagnostics == again.diagnostics

@@ -138,10 +138,10 @@ class Fluid:
     def step(self, time: float, dt: float) -> None:
         """Let fluid in and out, then go on by `dt` [s]."""
         columns = self.particles.columns
-        self._restored = {}
         self.sinks.drain(columns, time)
         self.emitters.emit(columns, time, dt)
         if self.count:
+            self._restored = {}
             self.method.step(time, dt)
             self.clamped += self.method.clamped
         self._watch(dt)
@@ -154,6 +154,8 @@ class Fluid:
             self._read, self._elapsed = False, 0.0
             self._impulse = {body: np.zeros(3) for body in self._watched}
         self._elapsed += dt
+        if not self.count:
+            return  # the walls still have the impulses of the last step that there was
         impulses = self.walls.impulses()
         for body in self._watched:
             self._impulse[body] += impulses[body][:3]

@@ -240,7 +240,7 @@ class Fluid:
             "density": self.particles.density.to_numpy()[: self.count],
             "pressure": self.particles.pressure.to_numpy()[: self.count],
         }
-        parts = (self.particles.columns, self.method, self.emitters, self.sinks)
+        parts = (self.particles.columns, self.method, self.forces, self.emitters, self.sinks)
         return arrays | counted | {key: value for part in parts for key, value in part.state().items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -250,7 +250,7 @@ class Fluid:
             values = np.zeros(array.shape, np.float32)
             values[: self.count] = state[name]
             array.from_numpy(values)
-        for part in (self.method, self.emitters, self.sinks):
+        for part in (self.method, self.forces, self.emitters, self.sinks):
             part.restore(state)
         self.clamped = int(state["clamped"][0])
         names = self.method.diagnostics() | self.forces.diagnostics()

@@ -283,6 +283,24 @@ def test_a_periodic_box_has_no_seam() -> None:
     assert (beyond < 0.5).any()
 
 
+def test_a_fluid_that_crosses_a_seam_in_a_frame_makes_the_foam_that_it_makes_elsewhere() -> None:
+    """A sheet goes six spacings a frame: at the next frame's start it is cells before the box."""
+    box = Bounds("periodic", (0.0, -1.0, -1.0), (2.0, 2.0, 2.0))
+
+    def made(start: float) -> float:
+        def flow(time: float) -> tuple[Float, Float]:
+            position = lattice((0, 0, 0), (0.1, 1, 1), SPACING)
+            velocity = np.zeros_like(position)
+            velocity[:, 0] = 6 * SPACING * FPS
+            return np.mod(position + time * velocity + [start, 0, 0], [2.0, 9, 9]), velocity
+
+        return foam_of(film(flow, 3), FoamOptions(trapped_air_rate=0.0), bounds=box)[-1][1]["made"]
+
+    middle = made(0.5)
+    assert middle > 100
+    assert made(1.65) == pytest.approx(middle, rel=0.02)
+
+
 def test_fluid_between_frames_follows_its_velocities() -> None:
     """A throw: the cubic through both ends and their velocities is the parabola itself."""
 

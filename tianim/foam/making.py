@@ -151,6 +151,7 @@ class Foam:
             corners[:] = bounds.lower, bounds.upper
         self._corners = corners
         self._length = corners[1] - corners[0] if bounds.kind == "periodic" else np.zeros(3, np.float32)
+        self._length[surroundings.dimension :] = 0.0
 
     def advance(self, before: Fluid, after: Fluid, start: float, end: float) -> None:
         """Go on from the fluid at `start` [s] to that at `end`."""
@@ -209,7 +210,12 @@ class Foam:
             self._normal: Any = ti.ndarray(ti.f32, (3, capacity))
             self._rate: Any = ti.ndarray(ti.f32, (2, capacity))
         issued = np.array([int(fluid.id.max(initial=-1)) + 1])
-        columns = {"id": fluid.id[None], "position": fluid.position.T, "velocity": fluid.velocity.T}
+        position = fluid.position.copy()
+        periodic = self._length > 0.0
+        # Between frames a particle may be out of the box, where a cell would be that of its border.
+        turns = np.floor((position - self._corners[0])[:, periodic] / self._length[periodic])
+        position[:, periodic] -= turns * self._length[periodic]
+        columns = {"id": fluid.id[None], "position": position.T, "velocity": fluid.velocity.T}
         self._columns.restore({**columns, "issued": issued})
         self._grid.sort(self._columns)
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tianim.math.rotations import rotate_back
+from tianim.math.rotations import rotate, rotate_back
 from tianim.spatial.bodies import (
     CELL,
     CYLINDER,
@@ -56,9 +56,14 @@ def set_form(row: Row, dimension: int) -> None:
     elif row[KIND] == ROUNDED:
         form = forms.CAPSULE if row[ROUNDING] > 0.0 else forms.BOX
     if dimension == 2 and form != forms.BY_DISTANCE:
-        along_z = int(np.abs(rotate_back(row[ROTATION : ROTATION + 4], (0.0, 0.0, 1.0))).argmax())
+        rotation = row[ROTATION : ROTATION + 4]
+        along_z = int(np.abs(rotate_back(rotation, (0.0, 0.0, 1.0))).argmax())
         if form == forms.CYLINDER and along_z != 1:
-            row[KIND], form = ROUNDED, forms.BOX  # a rectangle
+            # A rectangle, however it is turned about its axis.
+            axis = rotate(rotation, (0.0, 1.0, 0.0))
+            lean = 0.5 * math.atan2(-axis[0], axis[1])
+            rotation[:] = 0.0, 0.0, math.sin(lean), math.cos(lean)
+            row[KIND], form, along_z = ROUNDED, forms.BOX, 2
         if form != forms.CAPSULE:
             row[SHAPE + along_z] = FAR
         elif along_z == 1:

@@ -12,7 +12,7 @@ from tianim.foam.kernels import BUBBLE, FOAM, SPRAY
 from tianim.foam.making import Foam
 from tianim.foam.motion import Fluid, Motion, fluid_of
 from tianim.frame import Frame, Points
-from tianim.spatial.body_params import Plane
+from tianim.spatial.body_params import Box, Plane
 from tianim.system import Bounds
 
 FPS = 30.0
@@ -257,6 +257,18 @@ def test_it_works_in_two_dimensions() -> None:
     assert row["made"] > 10
     assert (points.position[:, 2] == 0.0).all()
     assert (points.data["velocity"][:, 2] == 0.0).all()
+
+
+def test_in_two_dimensions_bodies_keep_foam_out_within_the_plane() -> None:
+    """A plate that is thin along z, and a floor that leans: the nearest way out of them is along z."""
+    plate = {"plate": Box(size=(2.0, 0.4, 0.1))}
+    floor = {"floor": Plane(position=(0.0, 0.2, 0.0), normal=(0.0, 1.0, 0.75))}
+    for bodies in (plate, floor):
+        foam = drop(FoamOptions(), (1.0, 0.0, 0.0), (0.0, 0.4, 0.0), dimension=2, bodies=bodies)
+        for step in range(15):
+            foam.advance(NOTHING, NOTHING, step / FPS, (step + 1) / FPS)
+        assert foam.cloud.position[0, 1] == pytest.approx(0.2, abs=1e-3)
+        assert foam.cloud.position[0, 2] == foam.cloud.velocity[0, 2] == 0.0
 
 
 def test_a_periodic_box_has_no_seam() -> None:

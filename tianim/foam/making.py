@@ -42,6 +42,7 @@ from tianim.spatial.bodies import Bodies
 from tianim.spatial.body_params import BodyParams
 from tianim.spatial.columns import Columns
 from tianim.spatial.grid import NeighborGrid
+from tianim.spatial.sections import cut
 from tianim.system import Bounds
 
 Float = NDArray[np.float32]
@@ -225,13 +226,12 @@ class Foam:
 
     def _walls(self) -> tuple[Any, ...]:
         bodies = self.bodies
-        return (
-            BOUNDED[self.surroundings.bounds.kind],
-            self._corners,
-            bodies.count,
-            bodies.table,
-            bodies.samples,
-        )
+        table = bodies.table
+        if self.surroundings.dimension == 2:
+            table = table.to_numpy()
+            for row in table:
+                cut(row)
+        return BOUNDED[self.surroundings.bounds.kind], self._corners, bodies.count, table, bodies.samples
 
     def _move(self, table: Float, dt: float) -> None:
         """Move the foam, let it age, and drop what is over."""

@@ -20,6 +20,7 @@ from tianim.spatial.bodies import (
     WIDTH,
     signed_distance,
 )
+from tianim.spatial.sections import in_plane
 from tianim.systems.fluid.wall_tables import (
     BALL,
     BALL_SLOPE,
@@ -36,9 +37,6 @@ FORM = WIDTH
 COULOMB = WIDTH + 1  # friction force over normal force
 FLAT = WIDTH + 2  # 1 in two dimensions: no gradient along z
 WALL_WIDTH = WIDTH + 3
-
-# In two dimensions: a surface of whose normal less than this lies in the plane is hardly a wall there.
-LEANING = 0.5
 
 # Forms: by the distance alone (plane, mesh), and those that have shares of their own.
 BY_DISTANCE, BOX, CAPSULE, CYLINDER = 0, 1, 2, 3
@@ -121,11 +119,10 @@ def body_share(table: ti.template(), shares: ti.template(), support, b, x, hit):
 
 
 @ti.func
-def in_plane(table: ti.template(), b, hit):
-    """The `hit` of wall `b`; in two dimensions along the plane, to where the surface there cuts it."""
+def flat(table: ti.template(), b, hit):
+    """The `hit` of wall `b`, in two dimensions along the plane."""
     if table[b, FLAT] > 0.0:
-        scale = 1.0 / ti.max(ti.sqrt(hit.x * hit.x + hit.y * hit.y), LEANING)
-        hit = scale * ti.Vector([hit.x, hit.y, 0.0, hit.w])
+        hit = in_plane(hit)
     return hit
 
 
@@ -144,7 +141,7 @@ def wall_terms(table: ti.template(), samples: ti.template(), shares: ti.template
     g, added = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
     free = 1.0
     for b in range(count):
-        hit = in_plane(table, b, signed_distance(table, samples, b, x))
+        hit = flat(table, b, signed_distance(table, samples, b, x))
         if hit.w < support:
             own = body_share(table, shares, support, b, x, hit)
             if is_open_ended(table, b):

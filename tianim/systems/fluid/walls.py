@@ -31,7 +31,7 @@ from tianim.systems.fluid.wall_shares import (
     FLAT,
     WALL_WIDTH,
     body_share,
-    in_plane,
+    flat,
     is_open_ended,
 )
 from tianim.systems.fluid.wall_tables import reach, share_tables
@@ -79,7 +79,7 @@ def measure_walls(
         near, closest = -1, ti.Vector([0.0, 0.0, 0.0, FAR])
         v_near = ti.Vector([0.0, 0.0, 0.0])
         for b in range(count):
-            hit = in_plane(table, b, signed_distance(table, samples, b, p))
+            hit = flat(table, b, signed_distance(table, samples, b, p))
             v = ti.Vector([0.0, 0.0, 0.0])
             if hit.w < h:
                 v = surface_velocity(table, samples, b, p)
@@ -151,7 +151,7 @@ def push_bodies(
                         # Twice over the walls in one loop: first what they leave free together.
                         for again in range(ti.select(count == 1, 0, 2 * count)):
                             b = again % count
-                            hit = in_plane(table, b, signed_distance(table, samples, b, p))
+                            hit = flat(table, b, signed_distance(table, samples, b, p))
                             if hit.w < support:
                                 own = body_share(table, shares, support, b, p, hit)
                                 shared = is_open_ended(table, b)

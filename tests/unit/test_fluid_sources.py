@@ -120,7 +120,7 @@ def test_the_mouth_of_a_mesh_is_its_outline(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_all_that_a_mesh_gives_has_room_however_it_is_turned(tmp_path: Path, dimension: int) -> None:
-    """A cube seen along its diagonal has 1.7 times the area of a face, a square's diagonal 1.4 times its side."""
+    """A cube seen along its diagonal has 1.7 times the area of a face, a square 1.4 times its side."""
     file = write_box_mesh(tmp_path / "box.off", (1.0, 1.0, 1.0))
     emitter = {"kind": "mesh", "file": file, "direction": (1, 1, 1), "speed": 2.0, "end": 2.0}
     params = fluid(dimension=dimension, emitters={"e": emitter})

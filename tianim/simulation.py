@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tianim.errors import BlowupError, SceneError, TianimError
 from tianim.frame import Frame
-from tianim.system import Bounds, System
+from tianim.system import Bounds, Limited, System
 
 if TYPE_CHECKING:
     from tianim.spatial.bodies import Bodies
@@ -93,6 +93,10 @@ class Simulation:
             yield self.frame()
         while self.index + 1 < self.frame_count:
             yield self.advance()
+
+    def check_substeps(self) -> None:
+        """Raise where the frame to come would need more substeps than there may be."""
+        self._substeps_needed(1.0)
 
     def advance(self) -> Frame:
         """Go on by one frame and give it. Raises BlowupError with system, frame and particle."""
@@ -180,7 +184,12 @@ class Simulation:
                 f"{name}: frame {self.index + 1} would need more than {MOST_SUBSTEPS:,} substeps "
                 f"(largest stable step {largest:g} s)"
             )
-        return max(1, math.ceil(rest * frame_dt / largest * (1.0 - STEP_ROUNDING)))
+        needed = max(1, math.ceil(rest * frame_dt / largest * (1.0 - STEP_ROUNDING)))
+        binding = self.systems.get(name)
+        if isinstance(binding, Limited):
+            done = self.substeps if rest < 1.0 else 0
+            binding.check_substeps(done + needed)
+        return needed
 
     def _check(self, system: System) -> None:
         try:

@@ -5,7 +5,7 @@ A system holds its state, steps it, and shows it. It knows no scene, no file and
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,3 +111,11 @@ class System(Protocol):
 
     def write(self, name: str, values: NDArray[np.generic]) -> None:
         """Set the array `name` from NumPy, (n,) or (n, 3), in id order."""
+
+
+@runtime_checkable
+class Limited(Protocol):
+    """A system that does not bear any number of substeps a frame."""
+
+    def check_substeps(self, substeps: int) -> None:
+        """Raise SceneError where a frame that needs so many, by the last `max_step`, is not to be made."""

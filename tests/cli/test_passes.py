@@ -135,6 +135,18 @@ def test_a_part_of_the_scene_is_not_replaced(dust: Path, cli: Cli) -> None:
         assert "which is not replaced" in result.stderr
 
 
+def test_a_phase_is_not_replaced(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("water.yaml").write_text(WATER + "    phases: {foam: {density: 500}, surface: {density: 900}}\n")
+    assert cli("run", "water.yaml", "--frames", 2, *QUICK).exit_code == 0
+    before = frame_bytes(Path("out/water"))
+    for command in ("foam", "surface"):
+        result = cli(command, "out/water", "--of", "water")
+        assert result.exit_code == 2
+        assert f"the scene has a 'water_{command}' already, which is not replaced" in result.stderr
+    assert frame_bytes(Path("out/water")) == before
+
+
 @pytest.fixture
 def water(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run of a fluid."""

@@ -361,6 +361,26 @@ def test_nothing_gets_out_of_a_rectangle_in_two_dimensions() -> None:
     assert spray.clamped == 0
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_nothing_leaves_the_plane_in_two_dimensions(friction: float) -> None:
+    """Whichever way the bodies lean and go; a plane holds where it cuts the plane z = 0."""
+    way = Keyframes[Vector3](keys=((0.0, (2.0, 0.6, -0.2)), (1.0, (2.0, 0.6, 0.2))))
+    bodies: dict[str, BodyParams] = {
+        "floor": Plane(normal=(0.0, 1.0, 0.75)),
+        "box": Box(size=(0.4, 0.4, 0.4), position=(1.0, 0.4, 0.0), rotation=(20.0, 10.0, 0.0)),
+        "ball": Sphere.model_validate({"radius": 0.3, "position": way}),
+    }
+    rng = np.random.default_rng(6)
+    x = np.stack([rng.uniform(0.5, 2.5, 500), rng.uniform(1.0, 1.5, 500), np.zeros(500)], axis=1)
+    spray = Spray(x, [0.0, 0.0, 0.0], bodies, friction=friction, dimension=2)
+    for _ in range(400):
+        spray.step(0.002, (0.0, -9.81, 0.0))
+    assert not spray.position[:, 2].any()
+    assert not spray.velocity[:, 2].any()
+    assert spray.clamped == 0
+    assert spray.position[:, 1].min() == pytest.approx(LEAST * D, abs=100 * PLACE)
+
+
 def test_a_growing_mesh_sequence_pushes_out(tmp_path: Any) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3)
     for key, radius in enumerate((0.2, 0.4, 0.6)):

@@ -118,6 +118,33 @@ def test_the_mouth_of_a_mesh_is_its_outline(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.ptp(flat, axis=0), (0.4, 0.0, 0.0), atol=EXACT)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_all_that_a_mesh_gives_has_room_however_it_is_turned(tmp_path: Path, dimension: int) -> None:
+    """A cube seen along its diagonal has 1.7 times the area of a face, a square 1.4 times its side."""
+    file = write_box_mesh(tmp_path / "box.off", (1.0, 1.0, 1.0))
+    emitter = {"kind": "mesh", "file": file, "direction": (1, 1, 1), "speed": 2.0, "end": 2.0}
+    params = fluid(dimension=dimension, emitters={"e": emitter})
+    came = Jet(params).run([0.01] * 210).columns.count
+    assert came <= params.emitted_count() < 1.3 * came
+    sheet = write_box_mesh(tmp_path / "sheet.off", (1.0, 0.0, 1.0))
+    edge = {**emitter, "file": sheet, "direction": (1, 0, 0), "speed": None, "rate": 1.0}
+    assert 0.0 < fluid(dimension=dimension, emitters={"e": edge}).largest_step() < 1.0
+
+
+def test_what_comes_out_across_a_periodic_face_comes_in_on_the_other_side() -> None:
+    """At the mouth itself: neighbours of a place out of the box are not found."""
+    bounds = contained((0, -1, -1), (2, 1, 1), "periodic")
+    one, other = (
+        Jet(fluid(emitters={"hose": {**HOSE, "position": (x, 0, 0)}}), bounds=bounds) for x in (0.95, 1.95)
+    )
+    for jet_ in (one, other):
+        jet_.emitters.emit(jet_.columns, 0.0, 0.075)
+        jet_.emitters.emit(jet_.columns, 0.075, 0.01)
+    np.testing.assert_allclose(one.position[:, 0], 1.05, atol=EXACT)
+    np.testing.assert_allclose(other.position[:, 0], 0.05, atol=EXACT)
+    np.testing.assert_array_equal(one.position[:, 1:], other.position[:, 1:])
+
+
 def test_a_mouth_opens_and_closes() -> None:
     slow = jet([0.01] * 100, start=0.3, end=0.7)
     assert slow.columns.count == 21 * 8

@@ -259,6 +259,15 @@ def test_a_mesh_that_overlaps_is_noticed_between_its_particles(tmp_path: Path) -
             filled(blocks=blocks)
 
 
+def test_a_fluid_of_which_nothing_is_left_is_refused() -> None:
+    hull = bodies(hull={"kind": "sphere", "radius": 9})
+    carved = {"blocks": {"a": {**CUBE, "carve": True}}}
+    with pytest.raises(SceneError, match=r"blocks: carve leaves out all .* particles, and there is no emit"):
+        filled(OPEN, hull, **carved)
+    hose = {"kind": "disc", "radius": 0.25, "position": (0, 20, 0), "speed": 1.0, "end": 9.0}
+    assert len(filled(OPEN, hull, **carved, emitters={"hose": hose}).position) == 0
+
+
 def test_blocks_over_capacity_are_refused() -> None:
     with pytest.raises(SceneError, match=r"capacity 999: the blocks alone hold 1,000 particles"):
         filled(blocks={"a": CUBE}, capacity=999)

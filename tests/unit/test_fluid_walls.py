@@ -432,6 +432,22 @@ SECTIONS: dict[str, tuple[BodyParams, BodyParams]] = {
         Sphere(radius=0.2),
     ),
     "an upright cylinder is a rectangle": (Cylinder(radius=0.2, length=0.4), Box(size=(0.4, 0.4, 0.01))),
+    "so it is when turned about its axis": (
+        Cylinder(radius=0.2, length=0.4, rotation=(0.0, 90.0, 0.0)),
+        Box(size=(0.4, 0.4, 0.01)),
+    ),
+    "and when it is half turned": (
+        Cylinder(radius=0.2, length=0.3, rotation=(0.0, 45.0, 0.0)),
+        Box(size=(0.4, 0.3, 0.01)),
+    ),
+    "a leaning cylinder is a leaning rectangle": (
+        Cylinder(radius=0.2, length=0.3, rotation=(0.0, 0.0, 30.0)),
+        Box(size=(0.4, 0.3, 0.01), rotation=(0.0, 0.0, 30.0)),
+    ),
+    "a leaning plane is the line in which it cuts": (
+        Plane(position=(0.0, 0.1, 0.0), normal=(0.0, 1.0, 0.75)),
+        Plane(position=(0.0, 0.1, 0.0)),
+    ),
     "a thin box is a rectangle": (Box(size=(0.4, 0.4, 0.01)), Box(size=(0.4, 0.4, 9.0))),
     "a box on its side is a rectangle": (
         Box(size=(0.4, 0.01, 0.3), rotation=(90.0, 0.0, 0.0)),

@@ -12,7 +12,7 @@ from tianim.foam.kernels import BUBBLE, FOAM, SPRAY
 from tianim.foam.making import Foam
 from tianim.foam.motion import Fluid, Motion, fluid_of
 from tianim.frame import Frame, Points
-from tianim.spatial.body_params import Plane
+from tianim.spatial.body_params import Box, Plane
 from tianim.system import Bounds
 
 FPS = 30.0
@@ -259,6 +259,18 @@ def test_it_works_in_two_dimensions() -> None:
     assert (points.data["velocity"][:, 2] == 0.0).all()
 
 
+def test_in_two_dimensions_bodies_keep_foam_out_within_the_plane() -> None:
+    """A plate that is thin along z, and a floor that leans: the nearest way out of them is along z."""
+    plate = {"plate": Box(size=(2.0, 0.4, 0.1))}
+    floor = {"floor": Plane(position=(0.0, 0.2, 0.0), normal=(0.0, 1.0, 0.75))}
+    for bodies in (plate, floor):
+        foam = drop(FoamOptions(), (1.0, 0.0, 0.0), (0.0, 0.4, 0.0), dimension=2, bodies=bodies)
+        for step in range(15):
+            foam.advance(NOTHING, NOTHING, step / FPS, (step + 1) / FPS)
+        assert foam.cloud.position[0, 1] == pytest.approx(0.2, abs=1e-3)
+        assert foam.cloud.position[0, 2] == foam.cloud.velocity[0, 2] == 0.0
+
+
 def test_a_periodic_box_has_no_seam() -> None:
     """A jet that breaks across the seam makes the foam that it makes in the middle, moved."""
     length = 2.0
@@ -281,6 +293,24 @@ def test_a_periodic_box_has_no_seam() -> None:
     beyond = seam[0].position[:, 0]
     assert (beyond > 1.5).any()
     assert (beyond < 0.5).any()
+
+
+def test_a_fluid_that_crosses_a_seam_in_a_frame_makes_the_foam_that_it_makes_elsewhere() -> None:
+    """A sheet goes six spacings a frame: at the next frame's start it is cells before the box."""
+    box = Bounds("periodic", (0.0, -1.0, -1.0), (2.0, 2.0, 2.0))
+
+    def made(start: float) -> float:
+        def flow(time: float) -> tuple[Float, Float]:
+            position = lattice((0, 0, 0), (0.1, 1, 1), SPACING)
+            velocity = np.zeros_like(position)
+            velocity[:, 0] = 6 * SPACING * FPS
+            return np.mod(position + time * velocity + [start, 0, 0], [2.0, 9, 9]), velocity
+
+        return foam_of(film(flow, 3), FoamOptions(trapped_air_rate=0.0), bounds=box)[-1][1]["made"]
+
+    middle = made(0.5)
+    assert middle > 100
+    assert made(1.65) == pytest.approx(middle, rel=0.02)
 
 
 def test_fluid_between_frames_follows_its_velocities() -> None:

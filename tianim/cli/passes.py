@@ -157,7 +157,9 @@ def _fluids(done: "Run") -> tuple[str, ...]:
 def _must_be_free(done: "Run", name: str) -> None:
     """SceneError where the scene itself has a part of that name, which must not be replaced."""
     scene = done.record["scene"]
-    if name in scene["systems"] or name in scene["bodies"]:
+    systems = scene["systems"]
+    phases = (f"{key}_{phase}" for key, system in systems.items() for phase in system.get("phases", ()))
+    if name in (*systems, *scene["bodies"], *phases):
         raise SceneError(f"{done.folder}: the scene has a {name!r} already, which is not replaced")
 
 

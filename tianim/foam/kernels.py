@@ -10,6 +10,7 @@ from tianim.math.random import unit_interval, words
 from tianim.spatial.bodies import signed_distance, surface_velocity
 from tianim.spatial.grid import cell_coordinate
 from tianim.spatial.neighbor_lists import nearest_image
+from tianim.spatial.sections import in_plane
 from tianim.spatial.tubes import NX, NY, NZ
 
 SPRAY, FOAM, BUBBLE = 0, 1, 2
@@ -188,6 +189,8 @@ def kept_in(
     touches = 0
     for b in range(bodies):
         hit = signed_distance(table, samples, b, at)
+        if ti.static(dimension == 2):
+            hit = in_plane(hit)
         if hit.w < touch:
             touches = 1
         if hit.w < 0.0:

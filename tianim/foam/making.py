@@ -42,6 +42,7 @@ from tianim.spatial.bodies import Bodies
 from tianim.spatial.body_params import BodyParams
 from tianim.spatial.columns import Columns
 from tianim.spatial.grid import NeighborGrid
+from tianim.spatial.sections import cut
 from tianim.system import Bounds
 
 Float = NDArray[np.float32]
@@ -151,6 +152,7 @@ class Foam:
             corners[:] = bounds.lower, bounds.upper
         self._corners = corners
         self._length = corners[1] - corners[0] if bounds.kind == "periodic" else np.zeros(3, np.float32)
+        self._length[surroundings.dimension :] = 0.0
 
     def advance(self, before: Fluid, after: Fluid, start: float, end: float) -> None:
         """Go on from the fluid at `start` [s] to that at `end`."""
@@ -209,7 +211,12 @@ class Foam:
             self._normal: Any = ti.ndarray(ti.f32, (3, capacity))
             self._rate: Any = ti.ndarray(ti.f32, (2, capacity))
         issued = np.array([int(fluid.id.max(initial=-1)) + 1])
-        columns = {"id": fluid.id[None], "position": fluid.position.T, "velocity": fluid.velocity.T}
+        position = fluid.position.copy()
+        periodic = self._length > 0.0
+        # Between frames a particle may be out of the box, where a cell would be that of its border.
+        turns = np.floor((position - self._corners[0])[:, periodic] / self._length[periodic])
+        position[:, periodic] -= turns * self._length[periodic]
+        columns = {"id": fluid.id[None], "position": position.T, "velocity": fluid.velocity.T}
         self._columns.restore({**columns, "issued": issued})
         self._grid.sort(self._columns)
 
@@ -219,13 +226,12 @@ class Foam:
 
     def _walls(self) -> tuple[Any, ...]:
         bodies = self.bodies
-        return (
-            BOUNDED[self.surroundings.bounds.kind],
-            self._corners,
-            bodies.count,
-            bodies.table,
-            bodies.samples,
-        )
+        table = bodies.table
+        if self.surroundings.dimension == 2:
+            table = table.to_numpy()
+            for row in table:
+                cut(row)
+        return BOUNDED[self.surroundings.bounds.kind], self._corners, bodies.count, table, bodies.samples
 
     def _move(self, table: Float, dt: float) -> None:
         """Move the foam, let it age, and drop what is over."""

@@ -23,7 +23,10 @@ def build(scene: Scene) -> Simulation:
         name: _system(name, params, World(bounds, bodies, system_seed(scene.seed, name), fields))
         for name, params in scene.systems.items()
     }
-    return Simulation(systems, bodies, scene.fps, scene.frame_count, bounds)
+    simulation = Simulation(systems, bodies, scene.fps, scene.frame_count, bounds)
+    if scene.frame_count > 1:  # a start alone may have a frame time of any length
+        simulation.check_substeps()
+    return simulation
 
 
 def _system(name: str, params: SystemParams, world: World) -> System:

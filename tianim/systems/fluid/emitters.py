@@ -54,7 +54,7 @@ class Emitters:
     def __init__(self, name: str, params: FluidParams, bounds: Bounds, bodies: Bodies, seed: int) -> None:
         """SceneError where a mouth that works from the start is in a wall."""
         self.name, self.seed = name, seed
-        self.spacing, self.dimension = params.spacing, params.dimension
+        self.spacing, self.dimension, self._bounds = params.spacing, params.dimension, bounds
         self.emitters = tuple(params.emitters.values())
         self._phases = [params.phase_number(emitter.phase) for emitter in self.emitters]
         self._carriers = [bodies.params[one.on] if one.on is not None else None for one in self.emitters]
@@ -146,10 +146,18 @@ class Emitters:
         points = self._mouths[k][:count] + 0.5 * self.spacing * Z
         points += self._jitter(emitter.jitter, columns.issued, count)
         velocity = speed * rotate(pose.rotation, Z) + self._drift(k, left, pose, points)
-        position = placed(pose, points) + ago * velocity
+        position = self._brought_back(placed(pose, points) + ago * velocity)
         position[:, self.dimension :] = velocity[:, self.dimension :] = 0.0
         phase = np.full(count, self._phases[k], np.int32)
         columns.append(count, {"position": position, "velocity": velocity, "phase": phase})
+
+    def _brought_back(self, x: Floats) -> Floats:
+        """Places (n, 3) [m], in a periodic box the images in it: of others no neighbours are found."""
+        bounds = self._bounds
+        if bounds.kind != "periodic" or bounds.lower is None or bounds.upper is None:
+            return x
+        lower = np.array(bounds.lower)
+        return np.asarray(lower + np.mod(x - lower, np.subtract(bounds.upper, lower)))
 
     def _pose(self, k: int, time: float) -> Pose:
         return pose_at(self.emitters[k], self._carriers[k], self._axes[k], time)

@@ -60,6 +60,9 @@ def fill(params: FluidParams, bounds: Bounds, bodies: Bodies) -> Filled:
     count = len(filled.position)
     if params.capacity is not None and count > params.capacity:
         raise SceneError(f"capacity {params.capacity:,}: the blocks alone hold {count:,} particles")
+    if count == 0 and not params.emitters:
+        wanted = params.block_count()
+        raise SceneError(f"blocks: carve leaves out all {wanted:,} particles, and there is no emitter")
     if not any(block.settled for block in params.blocks.values()):
         return filled
     return filled._replace(pressure=_settled(params, placed, filled, bodies))

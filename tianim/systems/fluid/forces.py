@@ -5,7 +5,11 @@ The viscosity is explicit while the step is short enough for it, else implicit, 
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tianim.lang import f32_2d, ti
 from tianim.systems.fluid.pairs import Pairs
@@ -83,6 +87,14 @@ class Forces:
     def largest_step(self) -> float:
         """The largest step [s] that flow, surface tension and sound allow."""
         return self.limits.largest().step
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The gravity of the last step, which limits the next."""
+        return {"gravity": np.array([self.limits.gravity])}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+        self.limits.gravity = float(state["gravity"][0])
 
     def diagnostics(self) -> dict[str, float]:
         """Iterations of the implicit viscosity, 0 where it is explicit."""

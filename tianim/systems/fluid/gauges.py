@@ -118,7 +118,10 @@ class Gauges:
             y, r2 = y[y > floor], r2[y > floor]
         if len(y) == 0:
             return {"": floor}
-        heights, density = self._profile(y, r2)
+        for stack in self._stacks(y):
+            heights, density = self._profile(y[stack], r2[stack])
+            if density.max() >= BULK:
+                break
         bottom = int(np.argmax(density >= BULK))
         bulk = density[bottom : bottom + int(np.argmin(density[bottom:] >= BULK))]
         if len(bulk) == 0:
@@ -130,6 +133,12 @@ class Gauges:
         # Between the last sample above the level and the first under it.
         share = (density[k - 1] - level) / (density[k - 1] - density[k])
         return {"": max(heights[k - 1] + share * (heights[k] - heights[k - 1]), floor)}
+
+    def _stacks(self, y: Floats) -> list[NDArray[np.int64]]:
+        """The particles in stacks from below, between which no kernel reaches: a drop may fall far."""
+        order = np.argsort(y, kind="stable")
+        gaps = np.flatnonzero(np.diff(y[order]) > 2.0 * self.h)
+        return [np.sort(stack) for stack in np.split(order, gaps + 1)]
 
     def _profile(self, y: Floats, r2: Floats) -> tuple[Floats, Floats]:
         """Delta along the line: heights and densities, from below all fluid to above it."""

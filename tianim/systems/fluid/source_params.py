@@ -36,6 +36,8 @@ UP = (0.0, 1.0, 0.0)
 # Samples of a keyframed speed from which its layers are counted; layers that are kept beyond them.
 SPEED_SAMPLES = 500
 SPARE_LAYERS = 2
+# A flat mesh that is seen from its edge has this part of its area, or it would have none.
+EDGE_ON = 0.01
 
 Jitter = Annotated[float, Field(ge=0, le=0.5)]
 Speed = Annotated[float, Field(ge=0, le=1000)]
@@ -155,9 +157,12 @@ class MeshEmitter(Emitter):
         return self
 
     def area(self, dimension: int) -> float:
-        """At most: that of the box about the mesh."""
-        sides = np.sort(read_mesh(self.file).extent)[1:] * self.scale
-        return float(np.prod(sides)) if dimension == 3 else float(sides[-1])
+        """At most: that of the box about the mesh, seen along the direction."""
+        x, y, z = read_mesh(self.file).extent * self.scale
+        along = np.abs(self.direction)
+        faces = np.array((y * z, x * z, x * y) if dimension == 3 else (y, x, 0.0))
+        seen = along @ faces / np.linalg.norm(along[:dimension])
+        return float(max(seen, EDGE_ON * faces.max()))
 
 
 EmitterParams = Annotated[DiscEmitter | BoxEmitter | MeshEmitter, Field(discriminator="kind")]

@@ -30,6 +30,7 @@ from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.pbf import Pbf
 from tianim.systems.fluid.sinks import Sinks
+from tianim.systems.fluid.timestep import CURES
 from tianim.systems.fluid.viscosity import may_be_implicit
 from tianim.systems.fluid.walls import Walls
 from tianim.systems.fluid.wcsph import Wcsph
@@ -127,13 +128,23 @@ class Fluid:
         """The smallest of the limits of flow, viscosity, surface tension and sound [s]."""
         return self.forces.largest_step()
 
+    def check_substeps(self, substeps: int) -> None:
+        """SceneError where a frame needs more than `time_step.most_substeps`."""
+        most, limit = self.params.time_step.most_substeps, self.forces.limits.binding
+        if substeps > most:
+            raise SceneError(
+                f"systems.{self.name}: a frame would need {substeps:,} substeps, of {limit.step:.3g} s "
+                f"({limit.name}), more than time_step.most_substeps, {most:,}: {CURES[limit.name]}; "
+                "or a larger most_substeps"
+            )
+
     def step(self, time: float, dt: float) -> None:
         """Let fluid in and out, then go on by `dt` [s]."""
         columns = self.particles.columns
-        self._restored = {}
         self.sinks.drain(columns, time)
         self.emitters.emit(columns, time, dt)
         if self.count:
+            self._restored = {}
             self.method.step(time, dt)
             self.clamped += self.method.clamped
         self._watch(dt)
@@ -146,6 +157,8 @@ class Fluid:
             self._read, self._elapsed = False, 0.0
             self._impulse = {body: np.zeros(3) for body in self._watched}
         self._elapsed += dt
+        if not self.count:
+            return  # the walls still have the impulses of the last step that there was
         impulses = self.walls.impulses()
         for body in self._watched:
             self._impulse[body] += impulses[body][:3]
@@ -228,7 +241,7 @@ class Fluid:
             "solver": np.array(list(self._solver_numbers().values())),
         }
         arrays = {name: getattr(self.particles, name).to_numpy()[: self.count] for name in OF_A_STEP}
-        parts = (self.particles.columns, self.method, self.emitters, self.sinks)
+        parts = (self.particles.columns, self.method, self.forces, self.emitters, self.sinks)
         return arrays | counted | {key: value for part in parts for key, value in part.state().items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -239,7 +252,7 @@ class Fluid:
             values = np.zeros(array.shape, np.float32)
             values[: self.count] = state[name]
             array.from_numpy(values)
-        for part in (self.method, self.emitters, self.sinks):
+        for part in (self.method, self.forces, self.emitters, self.sinks):
             part.restore(state)
         self.clamped = int(state["clamped"][0])
         names = self.method.diagnostics() | self.forces.diagnostics()

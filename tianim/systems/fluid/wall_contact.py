@@ -12,7 +12,7 @@ What the particle loses the wall gets, as an impulse at the place of contact.
 from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti
 from tianim.math.quaternion import from_axis_angle, rotate, rotate_back
 from tianim.spatial.bodies import POSITION, RATE, SPIN, VELOCITY, signed_distance, surface_velocity
-from tianim.systems.fluid.wall_shares import COULOMB
+from tianim.systems.fluid.wall_shares import COULOMB, FLAT, flat
 
 # Sweeps over all walls: a corner of three needs three, edges of grids some more.
 SWEEPS = 6
@@ -39,14 +39,17 @@ def seen_ahead(table: ti.template(), samples: ti.template(), b, x, ahead):
     arm = rotate_back(turn, x - origin - ahead * _triple(table, b, VELOCITY))
     hit = signed_distance(table, samples, b, origin + arm)
     n = rotate(turn, hit.xyz)
-    return ti.Vector([n.x, n.y, n.z, hit.w])
+    return flat(table, b, ti.Vector([n.x, n.y, n.z, hit.w]))
 
 
 @ti.func
 def rigid_velocity(table: ti.template(), b, x, ahead):
     """Velocity of wall `b` at `x`, `ahead` seconds after its pose."""
     velocity = _triple(table, b, VELOCITY)
-    return velocity + _triple(table, b, SPIN).cross(x - _triple(table, b, POSITION) - ahead * velocity)
+    velocity += _triple(table, b, SPIN).cross(x - _triple(table, b, POSITION) - ahead * velocity)
+    if table[b, FLAT] > 0.0:
+        velocity.z = 0.0
+    return velocity
 
 
 @ti.func
@@ -79,7 +82,7 @@ def pieces_of_path(
     """
     longest = -1.0
     for b in range(count):
-        hit = signed_distance(table, samples, b, p)
+        hit = flat(table, b, signed_distance(table, samples, b, p))
         bending = bending_speed(table, samples, b, p, hit)
         starts[task, 2 * b], starts[task, 2 * b + 1] = hit.w, bending
         reach = ((u - rigid_velocity(table, b, p, 0.0)).norm() + ti.abs(bending)) * dt

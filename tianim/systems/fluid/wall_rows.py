@@ -1,18 +1,13 @@
-"""Rows of the wall table on the host: what kernels need to know of a body as a wall of a fluid.
-
-In two dimensions a body is what the plane z = 0 cuts out of it: what lies along z reaches for ever along z.
-"""
+"""Rows of the wall table on the host: what kernels need to know of a body as a wall of a fluid."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tianim.math.rotations import rotate_back
 from tianim.spatial.bodies import (
     CELL,
     CYLINDER,
-    FAR,
     KIND,
     MESH,
     PLANE,
@@ -33,6 +28,7 @@ from tianim.spatial.bodies import (
     Plane,
     Sphere,
 )
+from tianim.spatial.sections import cut
 from tianim.system import Bounds
 from tianim.systems.fluid import wall_shares as forms
 from tianim.systems.fluid.wall_shares import FORM
@@ -50,19 +46,13 @@ def pack_bounds(row: Row, bounds: Bounds) -> None:
 
 def set_form(row: Row, dimension: int) -> None:
     """Which shares serve the body of a row; in two dimensions its section."""
+    if dimension == 2:
+        cut(row)
     form = forms.BY_DISTANCE
     if row[KIND] == CYLINDER:
         form = forms.CYLINDER
     elif row[KIND] == ROUNDED:
         form = forms.CAPSULE if row[ROUNDING] > 0.0 else forms.BOX
-    if dimension == 2 and form != forms.BY_DISTANCE:
-        along_z = int(np.abs(rotate_back(row[ROTATION : ROTATION + 4], (0.0, 0.0, 1.0))).argmax())
-        if form == forms.CYLINDER and along_z != 1:
-            row[KIND], form = ROUNDED, forms.BOX  # a rectangle
-        if form != forms.CAPSULE:
-            row[SHAPE + along_z] = FAR
-        elif along_z == 1:
-            row[SHAPE + 1] = 0.0  # a disc
     row[FORM] = form
 
 

@@ -20,6 +20,7 @@ from tianim.spatial.bodies import (
     WIDTH,
     signed_distance,
 )
+from tianim.spatial.sections import in_plane
 from tianim.systems.fluid.wall_tables import (
     BALL,
     BALL_SLOPE,
@@ -118,6 +119,14 @@ def body_share(table: ti.template(), shares: ti.template(), support, b, x, hit):
 
 
 @ti.func
+def flat(table: ti.template(), b, hit):
+    """The `hit` of wall `b`, in two dimensions along the plane."""
+    if table[b, FLAT] > 0.0:
+        hit = in_plane(hit)
+    return hit
+
+
+@ti.func
 def is_open_ended(table: ti.template(), b):
     """Whether wall `b` is a half space or a container."""
     return table[b, SIGN] < 0.0 or table[b, KIND] == PLANE
@@ -132,7 +141,7 @@ def wall_terms(table: ti.template(), samples: ti.template(), shares: ti.template
     g, added = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
     free = 1.0
     for b in range(count):
-        hit = signed_distance(table, samples, b, x)
+        hit = flat(table, b, signed_distance(table, samples, b, x))
         if hit.w < support:
             own = body_share(table, shares, support, b, x, hit)
             if is_open_ended(table, b):

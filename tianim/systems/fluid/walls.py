@@ -26,7 +26,14 @@ from tianim.systems.fluid.params import Walls as WallParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.wall_contact import add_impulse, clamp_places, hold_velocities
 from tianim.systems.fluid.wall_rows import half_thickness, largest_speed, pack_bounds, set_form
-from tianim.systems.fluid.wall_shares import COULOMB, FLAT, WALL_WIDTH, body_share, is_open_ended
+from tianim.systems.fluid.wall_shares import (
+    COULOMB,
+    FLAT,
+    WALL_WIDTH,
+    body_share,
+    flat,
+    is_open_ended,
+)
 from tianim.systems.fluid.wall_tables import reach, share_tables
 
 # No particle is led nearer to a wall than so many spacings; the first layer of a resting fluid is at 0.5.
@@ -77,10 +84,12 @@ def measure_walls(
         near, closest = -1, ti.Vector([0.0, 0.0, 0.0, FAR])
         v_near = ti.Vector([0.0, 0.0, 0.0])
         for b in range(count):
-            hit = signed_distance(table, samples, b, p)
+            hit = flat(table, b, signed_distance(table, samples, b, p))
             v = ti.Vector([0.0, 0.0, 0.0])
             if hit.w < h:
                 v = surface_velocity(table, samples, b, p)
+                if table[b, FLAT] > 0.0:
+                    v.z = 0.0
             if hit.w < support:
                 own = body_share(table, shares, support, b, p, hit)
                 if is_open_ended(table, b):
@@ -148,7 +157,7 @@ def push_bodies(
                         # Twice over the walls in one loop: first what they leave free together.
                         for again in range(ti.select(count == 1, 0, 2 * count)):
                             b = again % count
-                            hit = signed_distance(table, samples, b, p)
+                            hit = flat(table, b, signed_distance(table, samples, b, p))
                             if hit.w < support:
                                 own = body_share(table, shares, support, b, p, hit)
                                 shared = is_open_ended(table, b)

@@ -52,8 +52,8 @@ DAMPING = 0.15
 @ti.kernel
 def press(
     n: ti.i32, thinnest: ti.f32, gamma: ti.f32, damping: ti.f32, stiffness: f32_1d, rho: f32_1d,
-    phase: i32_2d, begin: i32_1d, end: i32_1d, neighbour: i32_1d, gradient: f32_2d, wall: f32_2d, flux: f32_1d, v: f32_2d,
-    density: f32_1d, pressure: f32_1d,
+    phase: i32_2d, begin: i32_1d, end: i32_1d, neighbour: i32_1d, gradient: f32_2d,
+    wall: f32_2d, flux: f32_1d, v: f32_2d, density: f32_1d, pressure: f32_1d,
 ):  # fmt: skip
     """Pressure [Pa] of densities, or of `thinnest`.
 

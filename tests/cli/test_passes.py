@@ -135,6 +135,22 @@ def test_a_part_of_the_scene_is_not_replaced(dust: Path, cli: Cli) -> None:
         assert "which is not replaced" in result.stderr
 
 
+def test_a_phase_or_a_surface_of_the_scene_is_not_replaced(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Liquids called foam and surface, and a surface called foam, are what the passes would write over."""
+    monkeypatch.chdir(tmp_path)
+    phases = "    phases: {foam: {density: 900}, surface: {density: 800}}\n"
+    Path("water.yaml").write_text(WATER + phases + "output: {surfaces: {water_surface_foam: {of: water}}}\n")
+    assert cli("run", "water.yaml", "--frames", "2", *QUICK).exit_code == 0
+    before = frame_bytes(Path("out/water"))
+    for command, part in (("surface", "water"), ("foam", "water"), ("foam", "water_surface")):
+        result = cli(command, "out/water", "--of", part)
+        assert result.exit_code == 2
+        assert f"the scene has a '{part}_{command}' already, which is not replaced" in result.stderr
+    assert frame_bytes(Path("out/water")) == before
+
+
 @pytest.fixture
 def water(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run of a fluid."""

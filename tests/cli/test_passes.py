@@ -184,6 +184,15 @@ def test_foam_and_surface_of_a_fluid(water: Path, cli: Cli) -> None:
     assert {name: after[name] for name in before} == before
     assert {"water_foam_0015.npz", "water_surface_0015.npz", "water_foam.pvd"} <= after.keys()
 
+    # What is refused costs nothing that was there.
+    for wrong, complaint in [
+        (("foam", water, "--format", "stl"), "format 'stl' holds triangles only"),
+    ]:
+        result = cli(*wrong)
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1), wrong
+        assert complaint in result.stderr
+    assert frame_bytes(water) == after
+
     copied = shutil.copytree(water, "copy")
     assert cli("foam", copied, *more, "--quiet").exit_code == 0
     assert frame_bytes(Path(copied)) == after

@@ -187,6 +187,8 @@ def test_foam_and_surface_of_a_fluid(water: Path, cli: Cli) -> None:
     # What is refused costs nothing that was there.
     for wrong, complaint in [
         (("foam", water, "--format", "stl"), "format 'stl' holds triangles only"),
+        (("foam", water, "--of", "water,oil"), "no part is called 'oil'; there are water"),
+        (("foam", water, "--of", "oil"), "no part is called 'oil'; there are water"),
     ]:
         result = cli(*wrong)
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1), wrong

@@ -102,6 +102,10 @@ def foam(
 
     done = Run.open(run_folder)
     parts = _fluids(done) if of is None else _names(of)
+    there = RunFrames(done.folder).parts
+    for part in parts:
+        if part not in there:
+            raise SceneError(f"--of {of}: no part is called {part!r}; there are {', '.join(there)}")
     name = f"{parts[0]}_foam"
     output = section(OutputOptions, done.record["scene"]["output"], ())
     _must_be_free(done, name, output.surfaces)

@@ -231,6 +231,11 @@ IN_THE_WAY: dict[str, tuple[dict[str, Any], Bounds, tuple[str, ...]]] = {
         OPEN,
         ("blocks.b: 1 of its 2 particles overlap blocks.a, the first at (3.56, 0.56, 3.56)",),
     ),
+    "points on one another": (
+        {"a": {"kind": "points", "positions": ((3, 0, 0), (4, 0, 0), (4, 0, 0))}},
+        OPEN,
+        ("blocks.a: 2 of its 3 particles are nearer than 0.01 spacings to another", "first at (4, 0, 0)"),
+    ),
     "nothing at all": (
         {"a": {"kind": "sphere", "radius": 1e-3, "centre": (0.5, 3, 0.5)}, "b": CUBE},
         OPEN,

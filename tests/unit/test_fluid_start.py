@@ -241,6 +241,11 @@ IN_THE_WAY: dict[str, tuple[dict[str, Any], Bounds, tuple[str, ...]]] = {
         OPEN,
         ("blocks.a: carve: true leaves none of its particles",),
     ),
+    "too far away for float32": (
+        {"a": box((1e5, 0, 0), (1e5 + 1, 1, 1))},
+        OPEN,
+        ("blocks.a: reaches 100001 m away from the origin, where places are exact to 0.0078 m only",),
+    ),
     "nothing at all": (
         {"a": {"kind": "sphere", "radius": 1e-3, "centre": (0.5, 3, 0.5)}, "b": CUBE},
         OPEN,

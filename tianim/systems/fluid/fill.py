@@ -26,6 +26,8 @@ Mask = NDArray[np.bool_]
 # Distance of a particle's centre from a wall [spacings]: boxes start exactly half a spacing away. The
 # points of a ball or a mesh fall as they may, and a quarter is what walls keep free in any case.
 BOX_GAP, LEAST_GAP = 0.5, 0.25
+# Places, which are float32, must be exact to this at the start [spacings].
+EXACT = 0.05
 # Points nearer than this are one point given twice [spacings]; those of a frame of a splash come to 0.04.
 SAME = 0.01
 
@@ -56,6 +58,7 @@ def fill(params: FluidParams, bounds: Bounds, bodies: Bodies) -> Filled:
     placed: dict[str, _Placed] = {}
     for name, block in params.blocks.items():
         new = _place(name, block, params)
+        _check_exact(name, new.position, params.spacing)
         new = _clear_of_walls(name, block, new, params, bounds, bodies)
         placed[name] = _clear_of_blocks(name, block, new, placed, params)
         if not len(placed[name].position):
@@ -101,6 +104,17 @@ def _check_apart(name: str, x: Floats, spacing: float) -> None:
         raise SceneError(
             f"blocks.{name}: {_share(bad)} are nearer than {SAME:g} spacings to another of them, "
             f"the first at {as_text(x[np.argmax(bad)])}"
+        )
+
+
+def _check_exact(name: str, x: Floats, spacing: float) -> None:
+    """SceneError where a block lies so far away that its particles would fall together by rounding."""
+    farthest = float(np.abs(x).max(initial=0.0))
+    step = float(np.spacing(np.float32(farthest)))
+    if step > EXACT * spacing:
+        raise SceneError(
+            f"blocks.{name}: reaches {farthest:g} m away from the origin, where places are exact to {step:.2g} m "
+            f"only; with a spacing of {spacing:g} m it must lie where they are to {EXACT * spacing:.2g} m"
         )
 
 

@@ -315,6 +315,18 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"dimension": 2, "emitters": {"e": {**HOSE, "speed": 1.0, "end": 1.0, "direction": (0, 0, 1)}}},
         "emitters.e.direction: has no part in the plane z = 0",
     ),
+    "gravity out of the plane": (
+        {"dimension": 2, "blocks": {"a": CUBE}, "gravity": (0, 0, -9.81)},
+        "gravity: has no part in the plane z = 0",
+    ),
+    "a front out of the plane": (
+        {
+            "dimension": 2,
+            "blocks": {"a": CUBE},
+            "gauges": {"f": {"kind": "front", "direction": (0, 0, 1)}},
+        },
+        "gauges.f.direction: has no part in the plane z = 0",
+    ),
     "far too many": ({"blocks": {"a": CUBE}, "spacing": 1e-3}, "1,000,000,000 particles; at most 16,777,216"),
     "steps": ({"blocks": {"a": CUBE}, "time_step": {"largest": 1e-3, "smallest": 1e-2}}, "smallest 0.01 s"),
     "iterations": ({"blocks": {"a": CUBE}, "dfsph": {"least_iterations": 200}}, "least_iterations 200"),

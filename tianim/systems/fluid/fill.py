@@ -114,7 +114,8 @@ def _check_exact(name: str, x: Floats, spacing: float) -> None:
     if step > EXACT * spacing:
         raise SceneError(
             f"blocks.{name}: reaches {farthest:g} m away from the origin, where places are exact to "
-            f"{step:.2g} m only; with a spacing of {spacing:g} m it must lie where they are to {EXACT * spacing:.2g} m"
+            f"{step:.2g} m only; with a spacing of {spacing:g} m it must lie where they are to "
+            f"{EXACT * spacing:.2g} m"
         )
 
 

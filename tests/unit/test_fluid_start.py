@@ -236,11 +236,6 @@ IN_THE_WAY: dict[str, tuple[dict[str, Any], Bounds, tuple[str, ...]]] = {
         OPEN,
         ("blocks.a: 2 of its 3 particles are nearer than 0.01 spacings to another", "first at (4, 0, 0)"),
     ),
-    "all of it in a body, and carved": (
-        {"a": box((0.45, 0.45, 0.45), (0.55, 0.55, 0.55), carve=True)},
-        OPEN,
-        ("blocks.a: carve: true leaves none of its particles",),
-    ),
     "too far away for float32": (
         {"a": box((1e5, 0, 0), (1e5 + 1, 1, 1))},
         OPEN,

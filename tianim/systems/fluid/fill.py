@@ -61,8 +61,6 @@ def fill(params: FluidParams, bounds: Bounds, bodies: Bodies) -> Filled:
         _check_exact(name, new.position, params.spacing)
         new = _clear_of_walls(name, block, new, params, bounds, bodies)
         placed[name] = _clear_of_blocks(name, block, new, placed, params)
-        if not len(placed[name].position):
-            raise SceneError(f"blocks.{name}: carve: true leaves none of its particles")
     filled = _joined(params, placed)
     count = len(filled.position)
     if params.capacity is not None and count > params.capacity:

@@ -11,6 +11,15 @@ sys.path.append(str(Path(__file__).parents[1] / "unit"))
 from bad_scenes import BAD_SCENES, BadScene
 
 MOST_LINES = 2
+POOL = """\
+tianim: 1
+bodies: {rock: {kind: box, size: [0.2, 0.2, 0.2], position: [0.1, 0.1, 0.1]}}
+systems:
+  water:
+    kind: fluid
+    spacing: 0.1
+    blocks: {pool: {kind: box, lower: [0, 0, 0], upper: [0.3, 0.3, 0.3]}}
+"""
 
 
 def everything(folder: Path) -> dict[str, bytes | None]:
@@ -31,3 +40,16 @@ def test_a_bad_scene_is_a_line_and_exit_code_2(
     assert "Traceback" not in result.output
     assert result.stdout == ""
     assert everything(tmp_path) == before
+
+
+def test_what_only_the_start_shows_names_the_file_too(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether water starts in a body is known when both are made, and not while the file is read."""
+    monkeypatch.chdir(tmp_path)
+    Path("pool.yaml").write_text(POOL)
+    result = cli("run", "pool.yaml", "--no-preview")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("tianim: pool.yaml: systems.water: blocks.pool: 8 of its 27 particles")
+    assert result.stderr.count("\n") == 1
+    assert list(everything(tmp_path)) == [str(tmp_path / "pool.yaml")]

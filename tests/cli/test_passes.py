@@ -135,15 +135,19 @@ def test_a_part_of_the_scene_is_not_replaced(dust: Path, cli: Cli) -> None:
         assert "which is not replaced" in result.stderr
 
 
-def test_a_phase_is_not_replaced(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_phase_or_a_surface_of_the_scene_is_not_replaced(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Liquids called foam and surface, and a surface called foam, are what the passes would write over."""
     monkeypatch.chdir(tmp_path)
-    Path("water.yaml").write_text(WATER + "    phases: {foam: {density: 500}, surface: {density: 900}}\n")
-    assert cli("run", "water.yaml", "--frames", 2, *QUICK).exit_code == 0
+    phases = "    phases: {foam: {density: 900}, surface: {density: 800}}\n"
+    Path("water.yaml").write_text(WATER + phases + "output: {surfaces: {water_surface_foam: {of: water}}}\n")
+    assert cli("run", "water.yaml", "--frames", "2", *QUICK).exit_code == 0
     before = frame_bytes(Path("out/water"))
-    for command in ("foam", "surface"):
-        result = cli(command, "out/water", "--of", "water")
+    for command, part in (("surface", "water"), ("foam", "water"), ("foam", "water_surface")):
+        result = cli(command, "out/water", "--of", part)
         assert result.exit_code == 2
-        assert f"the scene has a 'water_{command}' already, which is not replaced" in result.stderr
+        assert f"the scene has a '{part}_{command}' already, which is not replaced" in result.stderr
     assert frame_bytes(Path("out/water")) == before
 
 
@@ -179,6 +183,17 @@ def test_foam_and_surface_of_a_fluid(water: Path, cli: Cli) -> None:
     after = frame_bytes(water)
     assert {name: after[name] for name in before} == before
     assert {"water_foam_0015.npz", "water_surface_0015.npz", "water_foam.pvd"} <= after.keys()
+
+    # What is refused costs nothing that was there.
+    for wrong, complaint in [
+        (("foam", water, "--format", "stl"), "format 'stl' holds triangles only"),
+        (("foam", water, "--of", "water,oil"), "no part is called 'oil'; there are water"),
+        (("foam", water, "--of", "oil"), "no part is called 'oil'; there are water"),
+    ]:
+        result = cli(*wrong)
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1), wrong
+        assert complaint in result.stderr
+    assert frame_bytes(water) == after
 
     copied = shutil.copytree(water, "copy")
     assert cli("foam", copied, *more, "--quiet").exit_code == 0

@@ -89,7 +89,7 @@ def _flat_water(count: int) -> dict[str, Any]:
 
 def _waiting(count: int) -> dict[str, Any]:
     """No emitter but, where there is nothing else, one that has not begun."""
-    later = {"kind": "disc", "speed": 1.0, "start": 100.0, "end": 100.1}
+    later = {"kind": "disc", "position": (1.0,) * 3, "speed": 1.0, "start": 100.0, "end": 100.1}
     return {"emitters": {} if count else {"later": later}, "sinks": {}}
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fluid_scenes import OPEN, box, contained, filled, fluid
+from fluid_scenes import OPEN, bodies, box, contained, filled, fluid
 from numpy.typing import NDArray
 
 from tianim.system import Bounds
@@ -78,6 +78,17 @@ def test_height_without_fluid_is_the_ground() -> None:
     assert value(now, kind="height", line=(9.0, 0.3)) == 0.0
     assert value(now, kind="height", line=(9.0, 0.3), floor=-0.2) == -0.2
     assert value(now, OPEN, kind="height", line=(9.0, 0.3)) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_height_over_a_body_under_water_begins_at_its_top() -> None:
+    rock: dict[str, Any] = {"kind": "box", "size": (0.6, 0.3, 0.6), "position": (1.0, 0.35, 0.3)}
+    start = filled(TANK, bodies(rock=rock), blocks={"a": box((0, 0, 0), (2, 0.9, 0.6), carve=True)})
+    none = np.zeros(0, np.float32)
+    now = Reading(start.position, start.velocity, none, start.phase, {})
+    fields: dict[str, Any] = {"blocks": BLOCKS}
+    over = {"kind": "height", "line": (1.0, 0.3)}
+    assert value((now, fields), **over) == pytest.approx(0.2, abs=0.1 * D)  # two layers under the rock
+    assert value((now, fields), **over, floor=0.5) == pytest.approx(0.9, abs=0.05 * D)
 
 
 def spray() -> NDArray[np.float64]:

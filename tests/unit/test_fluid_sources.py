@@ -223,6 +223,21 @@ def test_a_mouth_in_a_wall_is_refused() -> None:
         Jet(params, bounds=contained((0, -1, -1), (1, 1, 1)))
 
 
+def test_a_mouth_is_looked_at_when_it_opens() -> None:
+    """A body that has left by then is welcome, one that has come is not; the bodies stay as they were."""
+    hose = {**HOSE, "direction": (0, 1, 0), "start": 1.0}
+    here, away = (0.0, 0.0, 0.0), (5.0, 0.0, 0.0)
+    for first, then in ((here, away), (away, here)):
+        keys = [(0.0, first), (1.0, then)]
+        ball = bodies(ball={"kind": "sphere", "radius": 0.2, "position": {"keys": keys}})
+        if then == here:
+            with pytest.raises(SceneError, match=r"reaches into bodies\.ball, at \(.*\) at its start, 1 s"):
+                Jet(fluid(emitters={"hose": hose}, capacity=9), solid=ball)
+        else:
+            Jet(fluid(emitters={"hose": hose}, capacity=9), solid=ball)
+            assert ball.distance([first])[0][0] < 0.0
+
+
 SINKS: dict[str, tuple[dict[str, Any], Any]] = {
     "box": (
         {"kind": "box", "lower": (0, 0, 0), "upper": (0.5, 1, 0.25)},

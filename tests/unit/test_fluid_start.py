@@ -231,6 +231,16 @@ IN_THE_WAY: dict[str, tuple[dict[str, Any], Bounds, tuple[str, ...]]] = {
         OPEN,
         ("blocks.b: 1 of its 2 particles overlap blocks.a, the first at (3.56, 0.56, 3.56)",),
     ),
+    "points on one another": (
+        {"a": {"kind": "points", "positions": ((3, 0, 0), (4, 0, 0), (4, 0, 0))}},
+        OPEN,
+        ("blocks.a: 2 of its 3 particles are nearer than 0.01 spacings to another", "first at (4, 0, 0)"),
+    ),
+    "too far away for float32": (
+        {"a": box((1e5, 0, 0), (1e5 + 1, 1, 1))},
+        OPEN,
+        ("blocks.a: reaches 100001 m away from the origin, where places are exact to 0.0078 m only",),
+    ),
     "nothing at all": (
         {"a": {"kind": "sphere", "radius": 1e-3, "centre": (0.5, 3, 0.5)}, "b": CUBE},
         OPEN,
@@ -308,6 +318,18 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "a direction out of the plane": (
         {"dimension": 2, "emitters": {"e": {**HOSE, "speed": 1.0, "end": 1.0, "direction": (0, 0, 1)}}},
         "emitters.e.direction: has no part in the plane z = 0",
+    ),
+    "gravity out of the plane": (
+        {"dimension": 2, "blocks": {"a": CUBE}, "gravity": (0, 0, -9.81)},
+        "gravity: has no part in the plane z = 0",
+    ),
+    "a front out of the plane": (
+        {
+            "dimension": 2,
+            "blocks": {"a": CUBE},
+            "gauges": {"f": {"kind": "front", "direction": (0, 0, 1)}},
+        },
+        "gauges.f.direction: has no part in the plane z = 0",
     ),
     "far too many": ({"blocks": {"a": CUBE}, "spacing": 1e-3}, "1,000,000,000 particles; at most 16,777,216"),
     "steps": ({"blocks": {"a": CUBE}, "time_step": {"largest": 1e-3, "smallest": 1e-2}}, "smallest 0.01 s"),

@@ -199,6 +199,28 @@ def test_a_bubble_rises_and_becomes_foam_at_the_surface() -> None:
     assert heights[-1] == heights[-10]  # foam rests on fluid at rest
 
 
+@pytest.mark.parametrize(
+    ("at", "kind"),
+    [
+        ((0.01, 0.2, 0.5), BUBBLE),
+        ((0.01, 0.01, 0.01), BUBBLE),
+        ((0.5, 0.01, 0.5), BUBBLE),
+        ((0.01, 0.5, 0.5), FOAM),
+        ((0.01, 0.5, 0.99), FOAM),
+        ((0.01, 0.58, 0.5), SPRAY),
+    ],
+)
+def test_at_a_wall_half_a_neighbourhood_is_a_full_one(at: tuple[float, ...], kind: int) -> None:
+    """Under water it is a bubble there as elsewhere, and no foam that would lie on the floor."""
+    walls = Bounds("contained", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    sides = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+    planes = {name: Plane(normal=normal) for name, normal in sides.items()}
+    for around in ({"bounds": walls}, {"bodies": planes}):
+        foam = drop(FoamOptions(), (0.0, 0.0, 0.0), at, **around)
+        foam.advance(pool(), pool(), 0.0, 1e-3)
+        assert foam.cloud.kind.tolist() == [kind]
+
+
 def test_foam_goes_with_the_fluid_and_fades() -> None:
     flow = (0.6, 0.0, 0.0)
     foam = drop(FoamOptions(lifetime=(0.5, 0.5)), (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))

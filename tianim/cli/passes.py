@@ -1,6 +1,6 @@
 """`tianim surface` and `foam`: what is made of a finished run's particles and stands among its frames."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -102,9 +102,13 @@ def foam(
 
     done = Run.open(run_folder)
     parts = _fluids(done) if of is None else _names(of)
+    there = RunFrames(done.folder).parts
+    for part in parts:
+        if part not in there:
+            raise SceneError(f"--of {of}: no part is called {part!r}; there are {', '.join(there)}")
     name = f"{parts[0]}_foam"
-    _must_be_free(done, name)
     output = section(OutputOptions, done.record["scene"]["output"], ())
+    _must_be_free(done, name, output.surfaces)
     options = section(FoamOptions, {}, overrides or ())
     runtime.start("cpu", threads)
     from tianim.foam import make_foam
@@ -154,12 +158,11 @@ def _fluids(done: "Run") -> tuple[str, ...]:
     return fluids
 
 
-def _must_be_free(done: "Run", name: str) -> None:
+def _must_be_free(done: "Run", name: str, surfaces: Iterable[str] = ()) -> None:
     """SceneError where the scene itself has a part of that name, which must not be replaced."""
     scene = done.record["scene"]
-    systems = scene["systems"]
-    phases = (f"{key}_{phase}" for key, system in systems.items() for phase in system.get("phases", ()))
-    if name in (*systems, *scene["bodies"], *phases):
+    phases = [f"{key}_{phase}" for key, one in scene["systems"].items() for phase in one.get("phases", ())]
+    if name in (*scene["systems"], *phases, *scene["bodies"], *surfaces):
         raise SceneError(f"{done.folder}: the scene has a {name!r} already, which is not replaced")
 
 

@@ -19,6 +19,7 @@ from tianim.cli.options import (
     setting,
 )
 from tianim.cli.results import draw, show_outputs
+from tianim.errors import SceneError
 from tianim.terminal import Bar, note, say, show_table
 
 if TYPE_CHECKING:
@@ -81,9 +82,13 @@ def _simulate(folder: Path, scene: "Scene", options: "RunOptions", quiet: bool) 
     from tianim import runtime
     from tianim.run import simulate
     from tianim.scene import build
+    from tianim.scene.loading import find
 
     started = runtime.start(options.arch, options.threads or None)  # type: ignore[arg-type]
-    simulation = build(scene)
+    try:
+        simulation = build(scene)
+    except SceneError as error:  # of a scene that is in no file: which it was, is known here
+        raise SceneError(f"{find(options.scene_file)}: {error}") from None
     if scene.view.parts:  # a style for what is not there must not come to light after the run
         from tianim.export.surfaces import promise
         from tianim.view.painter import check_look

@@ -38,14 +38,16 @@ def add_parts(
     exporters = Exporters(replace(plan, resume_from=frames.index_of(-1) + 1))
     rows: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     try:
-        for name in names:
-            exporters.drop(name)
         for position, parts in enumerate(made):
             frame = Frame(frames.index_of(position), frames.times[position], ())
-            for part, row in parts:
-                exporters.write(plan.select(replace(frame, parts=(part,))))
-                exporters.add_row(part.name, frame, row)
-                rows[part.name].append({"frame": frame.index, "time": frame.time, **row})
+            checked = [(plan.select(replace(frame, parts=(part,))), part.name, row) for part, row in parts]
+            if position == 0:  # what a format cannot hold, or cannot be made, must not cost what was there
+                for name in names:
+                    exporters.drop(name)
+            for chosen, name, row in checked:
+                exporters.write(chosen)
+                exporters.add_row(name, frame, row)
+                rows[name].append({"frame": frame.index, "time": frame.time, **row})
             if progress:
                 progress(position + 1, len(frames))
         exporters.finish()

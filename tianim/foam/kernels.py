@@ -170,6 +170,38 @@ def fluid_around(
 
 
 @ti.func
+def open_share(dimension: ti.template(), distance):
+    """Share of a ball of radius 1 that is before a wall at a distance (0 to 1) of its middle."""
+    u = ti.min(ti.max(distance, 0.0), 1.0)
+    behind = 0.25 * (1.0 - u) ** 2 * (2.0 + u)
+    if ti.static(dimension == 2):
+        behind = (ti.acos(u) - u * ti.sqrt(1.0 - u * u)) / 3.1415927
+    return 1.0 - behind
+
+
+@ti.func
+def room_around(
+    dimension: ti.template(),
+    at,
+    reach,
+    bounded,
+    box: ti.template(),
+    bodies,
+    table: ti.template(),
+    samples: ti.template(),
+):
+    """Share of a neighbourhood that walls and bodies leave to the fluid: as if each were flat."""
+    share, least = 1.0, 0.5**dimension
+    for b in range(bodies):
+        share *= open_share(dimension, signed_distance(table, samples, b, at).w / reach)
+    if bounded == 1:
+        for c in ti.static(range(dimension)):
+            share *= open_share(dimension, (at[c] - box[0, c]) / reach)
+            share *= open_share(dimension, (box[1, c] - at[c]) / reach)
+    return ti.max(share, least)
+
+
+@ti.func
 def kept_in(
     dimension: ti.template(),
     bounded,
@@ -243,6 +275,7 @@ def move_foam(
         u = ti.Vector([velocity[i, 0], velocity[i, 1], velocity[i, 2]])
         g = ti.Vector([options[GRAVITY], options[GRAVITY + 1], options[GRAVITY + 2]])
         stream, fullness = fluid_around(dimension, at, options, shape, geometry, length, start, x, v)
+        fullness /= room_around(dimension, at, options[H], bounded, box, bodies, table, samples)
         what = FOAM
         if fullness < options[SPRAY_BELOW]:
             what = SPRAY

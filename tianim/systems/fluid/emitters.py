@@ -52,7 +52,7 @@ class Emitters:
     """
 
     def __init__(self, name: str, params: FluidParams, bounds: Bounds, bodies: Bodies, seed: int) -> None:
-        """SceneError where a mouth that works from the start is in a wall."""
+        """SceneError where a mouth is in a wall when it begins to work."""
         self.name, self.seed = name, seed
         self.spacing, self.dimension, self._bounds = params.spacing, params.dimension, bounds
         self.emitters = tuple(params.emitters.values())
@@ -193,11 +193,11 @@ class Emitters:
         self.refused += count
 
     def _check_mouth(self, k: int, key: str, bounds: Bounds, bodies: Bodies) -> None:
-        """SceneError where a mouth that works from the start reaches into a wall or a body."""
-        if self.emitters[k].start > 0.0:
-            return
-        points = placed(self._pose(k, 0.0), self._mouths[k])
+        """SceneError where a mouth reaches into a wall or a body when it begins to work."""
+        start = self.emitters[k].start
+        points = placed(self._pose(k, start), self._mouths[k])
         outside = room_in_bounds(points, bounds, self.dimension) < 0.0
+        bodies.move(start, 0.0)
         inside = bodies.distance(points)[0] < 0.0
         if self.emitters[k].on is not None:
             inside[:] = False  # it may well sit in its own body
@@ -205,4 +205,6 @@ class Emitters:
             if bad.any():
                 first = points[np.argmax(bad)]
                 body = f" bodies.{nearest_body(bodies, first)}" if bad is inside else ""
-                raise SceneError(f"emitters.{key}: its mouth {what}{body}, at {as_text(first)}")
+                when = f" at its start, {start:g} s" if start > 0.0 else ""
+                raise SceneError(f"emitters.{key}: its mouth {what}{body}, at {as_text(first)}{when}")
+        bodies.move(0.0, 0.0)

@@ -26,6 +26,10 @@ Mask = NDArray[np.bool_]
 # Distance of a particle's centre from a wall [spacings]: boxes start exactly half a spacing away. The
 # points of a ball or a mesh fall as they may, and a quarter is what walls keep free in any case.
 BOX_GAP, LEAST_GAP = 0.5, 0.25
+# Places, which are float32, must be exact to this at the start [spacings].
+EXACT = 0.05
+# Points nearer than this are one point given twice [spacings]; those of a frame of a splash come to 0.04.
+SAME = 0.01
 
 
 class Filled(NamedTuple):
@@ -54,6 +58,7 @@ def fill(params: FluidParams, bounds: Bounds, bodies: Bodies) -> Filled:
     placed: dict[str, _Placed] = {}
     for name, block in params.blocks.items():
         new = _place(name, block, params)
+        _check_exact(name, new.position, params.spacing)
         new = _clear_of_walls(name, block, new, params, bounds, bodies)
         placed[name] = _clear_of_blocks(name, block, new, placed, params)
     filled = _joined(params, placed)
@@ -71,6 +76,7 @@ def fill(params: FluidParams, bounds: Bounds, bodies: Bodies) -> Filled:
 def _place(name: str, block: BlockParams, params: FluidParams) -> _Placed:
     if isinstance(block, PointsBlock):
         x, v = _given_points(block, params.dimension)
+        _check_apart(name, x, params.spacing)
         return _Placed(x, v + np.array(block.velocity), None, np.arange(len(x)))
     lattice = lattice_of(block, params.spacing, params.dimension)
     index = np.flatnonzero(within(block, lattice, params.dimension, ROUNDING * params.spacing))
@@ -88,6 +94,30 @@ def _given_points(block: PointsBlock, dimension: int) -> tuple[Floats, Floats]:
     x, v = x.copy(), np.zeros_like(x) if v is None else v.copy()
     x[:, dimension:] = v[:, dimension:] = 0.0
     return x, v
+
+
+def _check_apart(name: str, x: Floats, spacing: float) -> None:
+    """SceneError where points of a block are in one place: no force could part them."""
+    if len(x) < 2:
+        return
+    bad = cKDTree(x).query(x, k=2)[0][:, 1] < SAME * spacing
+    if bad.any():
+        raise SceneError(
+            f"blocks.{name}: {_share(bad)} are nearer than {SAME:g} spacings to another of them, "
+            f"the first at {as_text(x[np.argmax(bad)])}"
+        )
+
+
+def _check_exact(name: str, x: Floats, spacing: float) -> None:
+    """SceneError where a block lies so far away that its particles would fall together by rounding."""
+    farthest = float(np.abs(x).max(initial=0.0))
+    step = float(np.spacing(np.float32(farthest)))
+    if step > EXACT * spacing:
+        raise SceneError(
+            f"blocks.{name}: reaches {farthest:g} m away from the origin, where places are exact to "
+            f"{step:.2g} m only; with a spacing of {spacing:g} m it must lie where they are to "
+            f"{EXACT * spacing:.2g} m"
+        )
 
 
 def _kept(placed: _Placed, keep: Mask) -> _Placed:

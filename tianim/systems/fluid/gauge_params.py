@@ -23,12 +23,18 @@ class Gauge(Params):
 
 
 class HeightGauge(Gauge):
-    """Height of the surface over a point of the ground, y [m]; the floor's where there is no fluid."""
+    """Height of the surface over a point of the ground, y [m]; the floor's where there is no fluid.
+
+    Going up, the first surface counts: where the line goes through a body under water, that is the body's
+    lower side. With the body's upper side as the floor it is the water's.
+    """
 
     kind: Literal["height"] = "height"
     line: tuple[Number, Number] = Field(description="x and z of the line upwards [m]", examples=[[0.0, 0.0]])
     floor: Number | None = Field(
-        None, description="y of the ground [m]; the bounds' lower face or the lowest fluid where left out"
+        None,
+        description="y of the ground, below which nothing counts: over a body under water, the body's upper "
+        "side [m]; the bounds' lower face or the lowest fluid where left out",
     )
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
-from tianim.params import Animated, Fraction, Name, Params, Positive, Vector3
+from tianim.params import Animated, Fraction, Keyframes, Name, Params, Positive, Vector3
 from tianim.spatial.grid import NARROWEST
 from tianim.system import Bounds, SystemParams
 from tianim.systems.fluid.block_params import ROUNDING, BlockParams, BoxBlock, Many, SphereBlock
-from tianim.systems.fluid.gauge_params import ForceGauge, GaugeParams
+from tianim.systems.fluid.gauge_params import ForceGauge, FrontGauge, GaugeParams
 from tianim.systems.fluid.method_params import DfsphParams, PbfParams, WcsphParams
 from tianim.systems.fluid.source_params import EmitterParams, SinkParams
 
@@ -243,8 +243,6 @@ class FluidParams(SystemParams):
             if isinstance(block, BoxBlock):
                 _check_thickness(name, block, self.spacing, self.dimension)
         for name, emitter in self.emitters.items():
-            if self.dimension == 2 and not any(emitter.direction[:2]):
-                raise ValueError(f"emitters.{name}.direction: has no part in the plane z = 0")
             endless = emitter.particle_count(self.spacing, self.dimension) is None
             if endless and self.capacity is None:
                 raise ValueError(
@@ -256,6 +254,21 @@ class FluidParams(SystemParams):
                 f"spacing {self.spacing:g} m: gives {self.particle_count():,} particles; "
                 f"at most {MOST_PARTICLES:,}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _directions_are_in_the_plane(self) -> Self:
+        if self.dimension == 3:
+            return self
+        vectors = {f"emitters.{name}.direction": one.direction for name, one in self.emitters.items()}
+        for name, gauge in self.gauges.items():
+            if isinstance(gauge, FrontGauge):
+                vectors[f"gauges.{name}.direction"] = gauge.direction
+        if not isinstance(self.gravity, Keyframes) and any(self.gravity):
+            vectors["gravity"] = self.gravity
+        for place, vector in vectors.items():
+            if not any(vector[:2]):
+                raise ValueError(f"{place}: has no part in the plane z = 0, in which dimension: 2 lies")
         return self
 
     @model_validator(mode="after")

@@ -7,7 +7,7 @@ import pytest
 from fluid_methods import DENSITIES, Flow, cube
 
 from tianim.system import Bounds
-from tianim.systems.fluid.wcsph import ALPHA, MACH, Wcsph
+from tianim.systems.fluid.wcsph import ALPHA, DAMPING, MACH, Wcsph
 
 D, DT = 0.1, 0.0005
 GRAVITY = (0.0, -9.81, 0.0)
@@ -47,6 +47,10 @@ def test_one_step_against_float64(walled: bool) -> None:
         delta += flow.array(flow.walls.share)
     pairs, h = flow.gradients(x), flow.particles.h
     p = rho * C**2 / GAMMA * (np.maximum(delta, 1.0) ** GAMMA - 1.0)
+    rate = np.einsum("ijc,ijc->i", pairs, v[:, None] - v[None]) + np.einsum(
+        "ic,ic->i", g + np.zeros_like(v), v
+    )
+    p = np.where(p > 0.0, np.maximum(p + DAMPING * C * h * rho * rate, 0.0), 0.0)
     force = np.einsum("ij,ijc->ic", p[:, None] + p[None], pairs) + p[:, None] * g
     d, r = flow.differences(x)
     np.fill_diagonal(r, 1.0)

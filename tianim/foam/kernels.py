@@ -193,7 +193,10 @@ def room_around(
     """Share of a neighbourhood that walls and bodies leave to the fluid: as if each were flat."""
     share, least = 1.0, 0.5**dimension
     for b in range(bodies):
-        share *= open_share(dimension, signed_distance(table, samples, b, at).w / reach)
+        hit = signed_distance(table, samples, b, at)
+        if ti.static(dimension == 2):
+            hit = in_plane(hit)
+        share *= open_share(dimension, hit.w / reach)
     if bounded == 1:
         for c in ti.static(range(dimension)):
             share *= open_share(dimension, (at[c] - box[0, c]) / reach)

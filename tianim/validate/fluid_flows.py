@@ -19,6 +19,8 @@ WAVE_SOURCE = "exact, small waves: omega^2 = g k tanh(k h)"
 CHANNEL_SOURCE = "exact: the series of the channel that starts at rest"
 
 REYNOLDS = 100.0
+# The step [s] of the vortices: pressures of first order in time take 6 % of the decay at 5 ms, 2 % at this.
+VORTEX_STEP = 0.002
 # A wave twice as long as the tank, which is as deep as long [m].
 LENGTH, DEPTH = 1.0, 1.0
 AMPLITUDE = 0.03
@@ -33,7 +35,7 @@ def vortex(method: str, across: int, until: float = 0.6) -> tuple[float, float]:
     d, nu = 1.0 / across, 1.0 / REYNOLDS
     system = water(
         d, {"all": box((0.0, 0.0), (1.0, 1.0))}, Bounds("periodic", (0.0,) * 3, (1.0,) * 3), method,
-        viscosity=nu, artificial_viscosity=0.0, gravity=(0.0, 0.0, 0.0),
+        viscosity=nu, artificial_viscosity=0.0, gravity=(0.0, 0.0, 0.0), time_step={"largest": VORTEX_STEP},
     )  # fmt: skip
     x = 2.0 * np.pi * places(system)
     v = np.zeros_like(x)

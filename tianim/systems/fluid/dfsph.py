@@ -104,7 +104,7 @@ class Dfsph:
         # A divergence acts for the time that the flow takes through a spacing, however short the steps.
         flow = min(self._forces.limits.flow, LONGEST)
         tolerance = min(MOTION_SHARE * LONGEST / flow, 1.0) * min(dt / flow, 1.0)
-        tolerance *= min(params.density_error, params.divergence_error)
+        tolerance *= params.divergence_error
         motion = solve(MOTION, dt, tolerance, least, most)
         self.solved = (motion, solve(DRIFT, dt, params.density_error, 0, most))
 

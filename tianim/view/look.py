@@ -214,6 +214,9 @@ class Look(Params):
         default=600,
         description="most frames of the film; a longer run is shown every second, third ... frame",
     )
+    preview_at: Fraction = Field(
+        default=0.6, description="moment that preview.png shows, as a share of the film: 0 its first picture"
+    )
     sheet: Annotated[int, Field(ge=1, le=64)] = Field(
         default=8, description="number of poses in the contact sheet"
     )

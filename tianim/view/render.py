@@ -19,8 +19,6 @@ Picture = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 Say = Callable[[str], None]
 
-PREVIEW_AT = 0.6  # share of the film at which the picture is taken: the action has begun and not ended
-
 
 def _silent(*_: object) -> None:
     """Tell nobody."""
@@ -103,7 +101,7 @@ class _Shown:
 
     def __init__(self, look: Look, indices: list[int]) -> None:
         last = len(indices) - 1
-        self._preview_at = round(PREVIEW_AT * last)
+        self._preview_at = round(look.preview_at * last)
         self._poses = set(np.linspace(0, last, min(look.sheet, last + 1)).round().astype(int).tolist())
         self._kept: list[tuple[Picture, str]] = []
         self.preview: Picture = np.zeros((look.height, look.width, 3), np.uint8)

@@ -46,7 +46,7 @@ class PbfParams(_Iterated):
     cfm: NonNegative = Field(
         0.0, description="softness of the constraint (epsilon of the paper), 0: as hard as can be"
     )
-    artificial_pressure: Annotated[float, Field(ge=0, le=1)] = Field(
+    artificial_pressure: Annotated[float, Field(ge=0, le=0.1)] = Field(
         0.0, description="k of the paper's s_corr, which keeps particles apart; 0: none"
     )
     xsph: Fraction = Field(0.0, description="share of the neighbours' velocity that is taken over in a step")

@@ -192,6 +192,7 @@ class Wcsph:
         self.pairs.build()
         particles = self._particles
         self._walls.measure(particles.count, particles["position"], particles.density)
+        particles.moment.fill(1.0)  # Tait's pressure is that of the fluid
 
     def accelerate(self, time: float, dt: float) -> None:
         """All forces but pressure."""

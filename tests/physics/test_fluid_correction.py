@@ -44,16 +44,15 @@ class Corrected:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_strain_that_keeps_the_density_has_no_rate(dimension: int) -> None:
-    """On a lattice pressed along y and pulled along x by a tenth: what is left is E^3 of 0.2, not E."""
+    """On a lattice pressed along y and pulled along x by three tenths: E^3 is left of E = 0.1 to 0.2, a tenth."""
     x = lattice(18 if dimension == 2 else 11, dimension, 0.1)
-    x[:, 0] *= 1.1
-    x[:, 1] /= 1.1
+    x[:, 0] *= 1.3
+    x[:, 1] /= 1.3
     cloud = Corrected(Bed(x, np.zeros_like(x), dimension))
     strain = cloud.x * np.array([1.0, -1.0, 0.0])
     before, after = (cloud.rate(g, strain)[cloud.inside()] for g in (cloud.raw, cloud.own))
-    assert np.abs(before.mean()) > 0.1
-    assert np.abs(after.mean()) < 0.01
-    assert np.abs(after).max() < 0.25 * np.abs(before).max()
+    assert np.abs(before.mean()) > 0.2
+    assert np.sqrt(np.mean(after**2)) < 0.1 * np.sqrt(np.mean(before**2))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -34,6 +34,12 @@ def test_more_substeps_than_are_wanted_are_refused_at_the_start() -> None:
     assert water({"duration": 0}, blocks=quick, time_step={"most_substeps": 1})
 
 
+def test_a_step_that_is_too_short_names_the_system() -> None:
+    quick = {"pool": {**POOL, "velocity": (30, 0, 0)}}
+    with pytest.raises(SceneError, match=r"^systems\.water: needs a step of 0\.000833 s \(flow\)"):
+        water(blocks=quick, time_step={"smallest": 1e-3})
+
+
 def test_more_substeps_than_are_wanted_stop_a_run() -> None:
     """Free fall at 200 m/s2: the first frame has a few, a later one more than 10; done ones count."""
     fall = {"gravity": (0, -200, 0), "time_step": {"largest": 0.1, "most_substeps": 10}}

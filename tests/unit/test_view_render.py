@@ -136,6 +136,15 @@ def test_a_run_leaves_film_picture_sheet_and_plot(tmp_path) -> None:
     assert left_over(tmp_path) == []
 
 
+@pytest.mark.parametrize(("moment", "frame"), [(0.0, 0), (0.5, 2), (1.0, 4)])
+def test_a_scene_says_which_moment_its_picture_shows(tmp_path, moment: float, frame: int) -> None:
+    look = Look.model_validate({**SMALL.model_dump(), "preview_at": moment})
+    film = Film(5, flock(60, drift=(9, 0, 0)))
+    render_run(film, look, tmp_path, 30.0)
+    with Image.open(tmp_path / "preview.png") as preview:
+        np.testing.assert_array_equal(np.asarray(preview), Painter(film, look).picture(frame))
+
+
 def test_the_pictures_of_a_run_have_trails_and_times(tmp_path, monkeypatch) -> None:
     look = Look.model_validate({**SMALL.model_dump(), "parts": {"boids": {"trail": 4, "size": 0.3}}})
     film, labels, make = Film(6, flock(60, drift=(9, 0, 0))), [], render.sheet.sheet

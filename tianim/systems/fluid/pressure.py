@@ -118,7 +118,7 @@ class PressureSolver:
         self._lone = LONE / (float(rho.max()) * particles.h**2)
 
     def solve(self, stage: int, dt: float, tolerance: float, least: int, most: int) -> Solved:
-        """Solve for the motion or the drift; the motion comes first, for it prepares the diagonal."""
+        """Solve for the motion or, after it, the drift."""
         crew, report, n = self._crew, self._report, self._particles.count
         most = min(most, MOST_ITERATIONS)
         if stage == MOTION and self._correction:

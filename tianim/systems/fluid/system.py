@@ -126,7 +126,10 @@ class Fluid:
 
     def max_step(self) -> float:
         """The smallest of the limits of flow, viscosity, surface tension and sound [s]."""
-        return self.forces.largest_step()
+        try:
+            return self.forces.largest_step()
+        except SceneError as error:
+            raise SceneError(f"systems.{self.name}: {error}") from None
 
     def check_substeps(self, substeps: int) -> None:
         """SceneError where a frame needs more than `time_step.most_substeps`."""

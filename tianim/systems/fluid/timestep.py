@@ -145,7 +145,7 @@ class StepLimits:
         # Not finite is reported as such elsewhere, with the particle.
         if found[name] < smallest:
             raise SceneError(
-                f"fluid: needs a step of {found[name]:.3g} s ({name}), shorter than time_step.smallest, "
+                f"needs a step of {found[name]:.3g} s ({name}), shorter than time_step.smallest, "
                 f"{smallest:g} s: {CURES[name]}"
             )
         return self.binding

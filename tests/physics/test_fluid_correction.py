@@ -44,7 +44,7 @@ class Corrected:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_strain_that_keeps_the_density_has_no_rate(dimension: int) -> None:
-    """On a lattice pressed along y, pulled along x by three tenths: E^3 is left of E = 0.1 to 0.2, a tenth."""
+    """A lattice pressed along y, pulled along x by three tenths: E^3 is left of E = 0.1 to 0.2, a tenth."""
     x = lattice(18 if dimension == 2 else 11, dimension, 0.1)
     x[:, 0] *= 1.3
     x[:, 1] /= 1.3

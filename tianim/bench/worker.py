@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, cast
 
 from tianim.bench.cases import Task, find_case
@@ -98,5 +99,10 @@ def _answer_all(answer: Callable[[dict[str, Any]], None]) -> None:
 
 
 def _peak_memory_mb() -> float:
+    """Of this process alone: on Linux getrusage counts the parent's memory at the fork, too."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) * 1024 / 1e6
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6

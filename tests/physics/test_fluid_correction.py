@@ -89,6 +89,18 @@ def test_particles_that_touch_a_wall_keep_their_gradients() -> None:
     assert np.abs(cloud.own[~touching] - cloud.raw[~touching]).max() > 0.0
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_moment_is_how_density_grows_with_compression(dimension: int) -> None:
+    """By which the pressure that is shown differs from P: from the gradients, in float64."""
+    bed = stirred(dimension)
+    found = bed.particles.moment.to_numpy()[: bed.n].copy()
+    cloud = Corrected(bed)
+    apart = cloud.x[cloud.i] - cloud.x[cloud.j]
+    expected = -np.bincount(cloud.i, (cloud.raw * apart).sum(axis=1), bed.n) / dimension
+    np.testing.assert_allclose(found, expected, atol=10.0 * SINGLE)
+    assert np.all(bed.particles.moment.to_numpy()[: bed.n] == 1.0)  # that of corrected gradients
+
+
 def test_only_fluid_without_a_surface_is_corrected() -> None:
     """A periodic box that is full, and one that is not."""
     x = lattice(8, 2)

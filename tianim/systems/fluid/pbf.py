@@ -23,7 +23,8 @@ pay. Columns hop then. A half is stable for all Q.
 until it is there does a step in 2 iterations and the next in 40; that makes the fluid stiff of a sudden,
 and what was compressed flies apart.
 
-`artificial_pressure` 1 pushes two particles apart like a compression of 1 at 0.2 h, of 0.01 at a spacing.
+`artificial_pressure` 0.1 pushes two particles apart like a compression of 0.1 at 0.2 h, of 0.001 at a
+spacing; from 0.2 on, a dam that breaks flies apart.
 
 Limits: a column at rest keeps hopping a little, by 0.4 % of its height at 30 layers, and its iterations
 with it. What moves off its prediction by much of a spacing in a step is not seen by C before it is renewed.

@@ -45,7 +45,7 @@ THINNEST = 0.9
 # Strength of Monaghan's viscosity. It is a kinematic viscosity of alpha c h / (2 (dimension + 2)), less what
 # the fluid has anyway.
 ALPHA = 0.05
-# Bulk viscosity over c h. Explicit: beyond about 0.4 it is unstable at the acoustic step.
+# Bulk viscosity over c h. It is explicit: by the lattice's eigenvalue the acoustic step bears some 0.4.
 DAMPING = 0.15
 
 

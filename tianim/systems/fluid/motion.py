@@ -5,6 +5,9 @@ from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.walls import Walls
 
+# What bears less than this part of a layer of the lightest fluid flies free: iterations leave so much.
+SLIGHT = 0.05
+
 
 @ti.kernel
 def kick(n: ti.i32, dt: ti.f32, acceleration: f32_2d, v: f32_2d):
@@ -19,6 +22,7 @@ def advect(
     n: ti.i32,
     dt: ti.f32,
     clear: ti.f32,
+    slight: ti.f32,
     pressure: f32_1d,
     distance: f32_1d,
     acceleration: f32_2d,
@@ -29,13 +33,15 @@ def advect(
 ):
     """Move x by dt v, brought back into a periodic box.
 
-    What flies free, without pressure and farther from walls than `clear` [m], follows its parabola: it
-    began the step at v - dt a.
+    What flies free, with a pressure of at most |a| `slight` [Pa s2/m] and farther from walls than `clear`
+    [m], follows its parabola: it began the step at v - dt a.
     """
     for i in range(n):
-        free = ti.select((pressure[i] == 0.0) & (distance[i] > clear), 0.5 * dt * dt, 0.0)
+        a = ti.Vector([acceleration[0, i], acceleration[1, i], acceleration[2, i]])
+        pressed = pressure[i] > slight * a.norm()
+        free = ti.select(pressed | (distance[i] <= clear), 0.0, 0.5 * dt * dt)
         for c in ti.static(range(3)):
-            y = x[c, i] + dt * v[c, i] - free * acceleration[c, i]
+            y = x[c, i] + dt * v[c, i] - free * a[c]
             turns = ti.floor((y - lower[c]) / ti.max(length[c], 1e-30))
             x[c, i] = y - ti.select(length[c] > 0.0, turns * length[c], 0.0)
 
@@ -43,6 +49,6 @@ def advect(
 def move_on(n: int, dt: float, particles: Particles, walls: Walls, pairs: Pairs) -> None:
     """Places after a step of dt [s], with the velocities that are there."""
     advect(
-        n, dt, 2.0 * particles.spacing, particles.pressure, walls.distance, particles.acceleration,
+        n, dt, 2.0 * particles.spacing, SLIGHT * particles.lightest * particles.spacing, particles.pressure, walls.distance, particles.acceleration,
         pairs.lower, pairs.length, particles["position"], particles["velocity"],
     )  # fmt: skip

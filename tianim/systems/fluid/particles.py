@@ -25,6 +25,7 @@ CHANGE = "viscous"
 class Particles:
     """State in `columns`, and what each step finds anew, in storage order.
 
+    lightest      the least rest density of its phases [kg/m3]
     density       delta of each particle, walls included, (capacity,)
     moment        how delta grows with compression, 1 but for the disorder of the neighbours, (capacity,)
     pressure      what the methods solve for [Pa], (capacity,); moment times pressure is the fluid's
@@ -48,6 +49,7 @@ class Particles:
         self.volume = spacing**dimension / lattice_sum(support, dimension)
         self.rest_density: Any = ti.ndarray(ti.f32, len(rest_density))
         self.rest_density.from_numpy(rest_density)
+        self.lightest = float(rest_density.min())
         self.density: Any = ti.ndarray(ti.f32, capacity)
         self.moment: Any = ti.ndarray(ti.f32, capacity)
         self.pressure: Any = ti.ndarray(ti.f32, capacity)

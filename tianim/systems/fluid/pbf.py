@@ -50,6 +50,7 @@ from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.pbf_passes import FINISH, PREPARE, PUSH, RELAX, RENEW, solve
+from tianim.systems.fluid.spin import keep_spin
 from tianim.systems.fluid.walls import Walls
 from tianim.systems.fluid.wcsph import fall_height
 
@@ -108,16 +109,33 @@ def keep_out(n: ti.i32, dt: ti.f32, nearest: ti.f32, distance: f32_1d, normal: f
 
 
 @ti.kernel
+def step_back(n: ti.i32, dt: ti.f32, x: f32_2d, v: f32_2d, other: f32_2d):
+    """x where the step began, and the predictions in `other`."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            other[c, i] = x[c, i]
+            x[c, i] -= dt * v[c, i]
+
+
+@ti.kernel
+def exchange(n: ti.i32, x: f32_2d, other: f32_2d):
+    """Let x and `other` change places."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            y = x[c, i]
+            x[c, i] = other[c, i]
+            other[c, i] = y
+
+
+@ti.kernel
 def start_from(
-    n: ti.i32, dt: ti.f32, gx: ti.f32, gy: ti.f32, gz: ti.f32, acceleration: f32_2d, x: f32_2d, v: f32_2d,
-    start: f32_2d, warm: f32_2d, change: f32_1d,
+    n: ti.i32, dt: ti.f32, gx: ti.f32, gy: ti.f32, gz: ti.f32, acceleration: f32_2d, v: f32_2d, warm: f32_2d,
+    change: f32_1d,
 ):  # fmt: skip
-    """Take down the `start` of the predictions; v gets the forces beside gravity; pressures start warm."""
+    """v gets the forces beside gravity; pressures start warm."""
     for i in range(n):
         warm[0, i] *= WARM
         change[i] = warm[0, i]
-        for c in ti.static(range(3)):
-            start[c, i] = x[c, i] - dt * v[c, i]
         v[0, i] += dt * (acceleration[0, i] - gx)
         v[1, i] += dt * (acceleration[1, i] - gy)
         v[2, i] += dt * (acceleration[2, i] - gz)
@@ -242,14 +260,14 @@ class Pbf:
         self._walls.measure(particles.count, particles["position"], particles.density)
 
     def accelerate(self, time: float, dt: float) -> None:
-        """All forces but gravity and pressure."""
-        particles = self._particles
+        """All forces but gravity and pressure, of the places where the step began: these keep the spin."""
+        particles, n = self._particles, self._particles.count
+        x, v = particles["position"], particles["velocity"]
+        step_back(n, dt, x, v, self._start)
         self._forces.accelerate(time, dt)
-        start_from(
-            particles.count, dt, *self._gravity, particles.acceleration, particles["position"],
-            particles["velocity"], self._start, particles["warm"], self._change,
-        )  # fmt: skip
+        start_from(n, dt, *self._gravity, particles.acceleration, v, particles["warm"], self._change)
         self._forces.relax(dt)
+        exchange(n, x, self._start)
 
     def solve(self, dt: float) -> None:
         """Iterate. Afterwards the particles are where the step began, and their velocities lead on."""
@@ -267,6 +285,9 @@ class Pbf:
         sums = self._crew.sums.to_numpy()[:2, : -(-n // PIECE)].sum(axis=1, dtype=np.float64) / n
         self.error = (float(sums[0]), float(sums[1]))
         self._adapt()
+        keep_spin(
+            dt, dt, self._particles, self.pairs, self._inverse_rho, self._particles.pressure, self._moved
+        )
         if self._params.xsph > 0.0:
             self._smooth()
 

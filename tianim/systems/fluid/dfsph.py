@@ -115,7 +115,6 @@ class Dfsph:
         if self._watched:
             walls.push(n, x, particles.pressure, dt)
         if self.solved[1].iterations:
-            self._pressure.keep_spin(dt)
             drift_places(
                 n, dt, LARGEST_DRIFT * particles.spacing, LEAST * particles.spacing, self._pressure.push,
                 walls.distance, walls.normal, x,

@@ -38,7 +38,7 @@ def advect(
     """
     for i in range(n):
         a = ti.Vector([acceleration[0, i], acceleration[1, i], acceleration[2, i]])
-        pressed = pressure[i] > slight * a.norm()
+        pressed = ti.abs(pressure[i]) > slight * a.norm()
         free = ti.select(pressed | (distance[i] <= clear), 0.0, 0.5 * dt * dt)
         for c in ti.static(range(3)):
             y = x[c, i] + dt * v[c, i] - free * a[c]
@@ -49,6 +49,7 @@ def advect(
 def move_on(n: int, dt: float, particles: Particles, walls: Walls, pairs: Pairs) -> None:
     """Places after a step of dt [s], with the velocities that are there."""
     advect(
-        n, dt, 2.0 * particles.spacing, SLIGHT * particles.lightest * particles.spacing, particles.pressure, walls.distance, particles.acceleration,
+        n, dt, 2.0 * particles.spacing, SLIGHT * particles.lightest * particles.spacing,
+        particles.pressure, walls.distance, particles.acceleration,
         pairs.lower, pairs.length, particles["position"], particles["velocity"],
     )  # fmt: skip

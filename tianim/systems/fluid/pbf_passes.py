@@ -71,7 +71,7 @@ def push_of(
 
 @ti.func
 def relax(
-    i, dt2, cfm, lone, lowest, begin: ti.template(), end: ti.template(), neighbour: ti.template(),
+    i, relaxation, dt2, cfm, lone, lowest, begin: ti.template(), end: ti.template(), neighbour: ti.template(),
     gradient: ti.template(), wall: ti.template(), diagonal: ti.template(), source: ti.template(),
     warm: ti.template(), change: ti.template(), moved: ti.template(), density: ti.template(),
 ):  # fmt: skip
@@ -88,7 +88,7 @@ def relax(
     density[i] = 1.0 + r
     d = diagonal[i]
     before = warm[0, i]
-    p = ti.max(before + RELAXATION * (r / (dt2 * ti.max(d, lone)) - cfm * before), lowest)
+    p = ti.max(before + relaxation * (r / (dt2 * ti.max(d, lone)) - cfm * before), lowest)
     p = ti.select(d > lone, p, 0.0)
     warm[0, i] = p
     change[i] += p - before
@@ -139,6 +139,8 @@ def solve(
     spreading: ti.template(),
     first: ti.i32,
     last: ti.i32,
+    final: ti.i32,
+    part: ti.f32,
     n: ti.i32,
     dt: ti.f32,
     h: ti.f32,
@@ -183,7 +185,9 @@ def solve(
     """Passes `first` to `last` - 1 of the plan, between which all tasks meet.
 
     After the last one v leads from `start` over dt to where the iterations have led, and x is `start`.
-    sums: by piece, of the last RELAX, of max(C, 0) and of the particles with C over `limit_p99`.
+    final, part: the last RELAX of the plan, of which only so much is done.
+    sums: by piece, of max(C, 0) and of the particles with C over `limit_p99`; of the last RELAX, and then of
+    the one before.
     """
     for block in range(tasks * stride):
         if block % stride == 0:
@@ -195,7 +199,8 @@ def solve(
                     for i in range(first_of(piece), last_of(piece, n)):
                         if work == RELAX:
                             c = relax(
-                                i, dt * dt, cfm, lone, lowest, begin, end, neighbour, gradient, wall,
+                                i, RELAXATION * (part if turn == final else 1.0), dt * dt, cfm, lone,
+                                lowest, begin, end, neighbour, gradient, wall,
                                 diagonal, source, warm, change, moved, density,
                             )  # fmt: skip
                             total += c
@@ -227,7 +232,8 @@ def solve(
                                     v[c, i] += dt * a[c]
                                     x[c, i] = start[c, i]
                     if work == RELAX:
-                        sums[0, piece], sums[1, piece] = total, beyond
+                        row = 0 if turn == final else 2
+                        sums[row, piece], sums[row + 1, piece] = total, beyond
                     piece = take(crew, turn)
                 if turn + 1 < last:
                     meet(crew, tasks)

@@ -55,7 +55,6 @@ from tianim.systems.fluid.pressure_passes import (
     launch,
     solve,
 )
-from tianim.systems.fluid.spin import keep_spin
 
 __all__ = ["DRIFT", "MOTION", "PressureSolver", "Solved"]
 
@@ -133,10 +132,6 @@ class PressureSolver:
         )  # fmt: skip
         iterations, error, first = (float(value) for value in report.to_numpy())
         return Solved(int(iterations), error, first)
-
-    def keep_spin(self, dt: float) -> None:
-        """Velocities for the places that the drift just solved for is going to have."""
-        keep_spin(dt, 0.0, self._particles, self._pairs, self._inverse_rho, self._last, self._total)
 
     def _solve_by_passes(self, stage: int, dt: float, tolerance: float, least: int, most: int) -> Solved:
         """The same, a launch a pass."""

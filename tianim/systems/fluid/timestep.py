@@ -152,7 +152,7 @@ class StepLimits:
         return self.binding
 
     def _survey(self) -> tuple[float, float, float]:
-        """Speeds [m/s] of the fastest with neighbours and of the fastest of all; P / rho of the deep [m2/s2]."""
+        """Speeds [m/s] of the fastest with neighbours and of all; P / rho of the deep [m2/s2]."""
         particles = self._particles
         if not particles.count:
             return 0.0, 0.0, 0.0

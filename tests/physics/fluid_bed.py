@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tianim.lang import ti
+from tianim.math.smoothing import SUPPORT
 from tianim.system import Bounds
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.particles import Particles
@@ -18,7 +19,6 @@ from tianim.systems.fluid.viscosity import Viscosity
 
 Floats = NDArray[np.float64]
 
-SUPPORT = 2.0
 # Sums of some forty float32 terms against float64.
 SINGLE = 3e-6
 # Whole sums that cancel, over the sum of the magnitudes.
@@ -74,7 +74,7 @@ class Bed:
         n = len(x)
         self.phases = phases
         rho = np.array([liquid.density for liquid in phases], np.float32)
-        self.particles = Particles(n, dimension, 1.0, SUPPORT, rho)
+        self.particles = Particles(n, dimension, 1.0, SUPPORT[dimension], rho)
         given: dict[str, NDArray[Any]] = {
             "position": x,
             "velocity": v,
@@ -109,7 +109,7 @@ class Bed:
     def pair_list(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
         """Both rows of all pairs nearer than the support: i, j, x_ij, r."""
         x = self.stored("position")
-        found = cKDTree(x).query_pairs(SUPPORT, output_type="ndarray")
+        found = cKDTree(x).query_pairs(SUPPORT[self.particles.dimension], output_type="ndarray")
         i, j = np.r_[found[:, 0], found[:, 1]], np.r_[found[:, 1], found[:, 0]]
         return i, j, x[i] - x[j], np.linalg.norm(x[i] - x[j], axis=1)
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tianim.math.smoothing import cubic_slopes, cubic_values
+from tianim.math.smoothing import SUPPORT, spline_slopes, spline_values
 from tianim.spatial.bodies import Bodies
 from tianim.system import Bounds
 from tianim.systems.fluid.forces import Forces
@@ -42,7 +42,7 @@ class Flow:
             "blocks": {"unused": {"kind": "box", "lower": (0.0, 0.0, 0.0), "upper": (1.0, 1.0, 1.0)}},
         }  # fmt: skip
         self.params = FluidParams.model_validate(data | more)
-        self.particles = Particles(n, dimension, spacing, 2.0, np.array(DENSITIES, np.float32))
+        self.particles = Particles(n, dimension, spacing, SUPPORT[dimension], np.array(DENSITIES, np.float32))
         self.particles.columns.append(
             n,
             {
@@ -96,14 +96,14 @@ class Flow:
         """Delta without walls, in float64."""
         p = self.particles
         _, r = self.differences(x)
-        w = p.volume * p.scale * cubic_values(r / p.h)
-        np.fill_diagonal(w, p.volume * p.scale * cubic_values(0.0))
+        w = p.volume * p.scale * spline_values(r / p.h, p.dimension)
+        np.fill_diagonal(w, p.volume * p.scale * spline_values(0.0, p.dimension))
         return np.asarray(w.sum(axis=1))
 
     def gradients(self, x: Floats) -> Floats:
         """G_ij, (n, n, 3), in float64."""
         p = self.particles
         d, r = self.differences(x)
-        slope = p.volume * p.scale * cubic_slopes(r / p.h) * (r < p.h) / (p.h * r)
+        slope = p.volume * p.scale * spline_slopes(r / p.h, p.dimension) * (r < p.h) / (p.h * r)
         np.fill_diagonal(slope, 0.0)
         return np.asarray(slope[:, :, None] * d)

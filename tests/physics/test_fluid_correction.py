@@ -37,7 +37,8 @@ class Corrected:
     def inside(self) -> Floats:
         """Particles with all their neighbours."""
         middle = 0.5 * (self.x.max(axis=0) + self.x.min(axis=0))
-        half = 0.5 * (self.x.max(axis=0) - self.x.min(axis=0)) - 2.5
+        reach = self.bed.particles.h + 0.5
+        half = 0.5 * (self.x.max(axis=0) - self.x.min(axis=0)) - reach
         free = np.abs(self.x - middle) < half
         return free[:, : self.bed.particles.dimension].all(axis=1)
 
@@ -51,7 +52,8 @@ def test_a_strain_that_keeps_the_density_has_no_rate(dimension: int) -> None:
     cloud = Corrected(Bed(x, np.zeros_like(x), dimension))
     strain = cloud.x * np.array([1.0, -1.0, 0.0])
     before, after = (cloud.rate(g, strain)[cloud.inside()] for g in (cloud.raw, cloud.own))
-    assert np.abs(before.mean()) > 0.2
+    # The wider spline of the plane hardly sees that its neighbours lie otherwise.
+    assert np.abs(before.mean()) > (0.05 if dimension == 2 else 0.2)
     assert np.sqrt(np.mean(after**2)) < 0.1 * np.sqrt(np.mean(before**2))
 
 
@@ -103,8 +105,8 @@ def test_the_moment_is_how_density_grows_with_compression(dimension: int) -> Non
 
 def test_only_fluid_without_a_surface_is_corrected() -> None:
     """A periodic box that is full, and one that is not."""
-    x = lattice(8, 2)
-    box = Bounds("periodic", (0.0,) * 3, (8.0,) * 3)
+    x = lattice(10, 2)
+    box = Bounds("periodic", (0.0,) * 3, (10.0,) * 3)
     full, half = Bed(x, 0.0 * x, 2, bounds=box), Bed(x[:40], 0.0 * x[:40], 2, bounds=box)
     assert isinstance(full.pairs, Pairs)
     assert full.pairs.is_full

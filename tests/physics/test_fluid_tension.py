@@ -8,7 +8,7 @@ import pytest
 from fluid_bed import CANCELS, SINGLE, SUPPORT, Bed, Floats, gathered, lattice, stirred
 from scipy.spatial import ConvexHull, cKDTree
 
-from tianim.math.smoothing import cubic_scale, cubic_slopes
+from tianim.math.smoothing import spline_scale, spline_slopes
 from tianim.scene import build, scene_from
 from tianim.systems.fluid import surface_tension
 from tianim.systems.fluid.surface_tension import SurfaceTension, kernel_scale
@@ -16,10 +16,10 @@ from tianim.systems.fluid.surface_tension import SurfaceTension, kernel_scale
 
 def tension_by_hand(bed: Bed, sigma: float) -> Floats:
     """Accelerations by the equations of the module, in float64; no walls."""
-    dimension, h = bed.particles.dimension, SUPPORT
+    dimension, h = bed.particles.dimension, SUPPORT[bed.particles.dimension]
     i, j, d, r = bed.pair_list()
     strength = sigma * surface_tension.CALIBRATION[dimension]
-    slope = bed.particles.volume * cubic_scale(h, dimension) * cubic_slopes(r / h) / h
+    slope = bed.particles.volume * spline_scale(h, dimension) * spline_slopes(r / h, dimension) / h
     g = gathered(i, (slope / r)[:, None] * d, bed.n)
     size = np.linalg.norm(g, axis=1)
     t = np.clip(size / surface_tension.INSIDE - 1.0, 0.0, 1.0)
@@ -71,9 +71,11 @@ def test_a_wall_is_wetted_at_a_right_angle() -> None:
     assert row.any()
     axis = np.arange(-2.0, 3.0)
     around = np.stack(np.meshgrid(*[axis] * 3, indexing="ij"), -1).reshape(-1, 3)
-    below = around[(around[:, 1] < 0.0) & (np.linalg.norm(around, axis=1) < SUPPORT)]
+    below = around[(around[:, 1] < 0.0) & (np.linalg.norm(around, axis=1) < SUPPORT[3])]
     r = np.linalg.norm(below, axis=1)
-    missing = bed.particles.volume * cubic_scale(SUPPORT, 3) * cubic_slopes(r / SUPPORT) / SUPPORT
+    missing = (
+        bed.particles.volume * spline_scale(SUPPORT[3], 3) * spline_slopes(r / SUPPORT[3], 3) / SUPPORT[3]
+    )
     toward = float((missing / r * -below[:, 1]).sum())  # the fluid that the wall takes the place of
     for count in (0, 1):
         bed.walls.count = count

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tianim.math.smoothing import cubic_scale, cubic_slopes, cubic_values, lattice_sum
+from tianim.math.smoothing import lattice_sum, spline_scale, spline_slopes, spline_values
 from tianim.system import Bounds
 from tianim.systems.fluid import pairs as pairs_module
 from tianim.systems.fluid.pairs import Pairs
@@ -41,17 +41,17 @@ def check_all(pairs: Pairs, length: Floats) -> None:
     r = np.linalg.norm(way, axis=2)
     begin, end = pairs.begin.to_numpy()[:n], pairs.end.to_numpy()[:n]
     neighbour, gradient = pairs.neighbour.to_numpy(), pairs.gradient.to_numpy()
-    scale = D**own.dimension / lattice_sum(2.0, own.dimension) * cubic_scale(h, own.dimension)
+    scale = D**own.dimension / lattice_sum(2.0, own.dimension) * spline_scale(h, own.dimension)
     for i in range(n):
         row = neighbour[begin[i] : end[i]]
         near = np.flatnonzero((r[i] < h) & (np.arange(n) != i))
         np.testing.assert_array_equal(np.sort(row), near)
-        slope = scale * cubic_slopes(r[i, row] / h) / (h * r[i, row])
+        slope = scale * spline_slopes(r[i, row] / h, own.dimension) / (h * r[i, row])
         expected = slope[:, None] * way[i, row]
         np.testing.assert_allclose(
             gradient[:, begin[i] : end[i]].T, expected, atol=GRADIENT_TOLERANCE * scale / h, rtol=0
         )
-    density = scale * cubic_values(np.minimum(r / h, 1.0)).sum(axis=1)
+    density = scale * spline_values(np.minimum(r / h, 1.0), own.dimension).sum(axis=1)
     np.testing.assert_allclose(own.density.to_numpy()[:n], density, rtol=DENSITY_TOLERANCE * 10)
 
 

@@ -25,7 +25,7 @@ VORTEX_STEP = 0.002
 LENGTH, DEPTH = 1.0, 1.0
 AMPLITUDE = 0.03
 # The channel [m], its spacings across and along, [m2/s], [m/s].
-GAP, ACROSS, ALONG = 1.0, 40, 8
+GAP, ACROSS, ALONG = 1.0, 40, 10
 THICK, SPEED = 0.1, 0.1
 
 

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tianim.math.smoothing import cubic_scale, cubic_values
+from tianim.math.smoothing import spline_scale, spline_values
 from tianim.system import Bounds
 from tianim.systems.fluid.gauge_params import (
     ForceGauge,
@@ -63,7 +63,7 @@ class Gauges:
     def __init__(self, params: FluidParams, bounds: Bounds) -> None:
         self.params, self.bounds = params, bounds
         self.dimension, self.spacing, self.h = params.dimension, params.spacing, params.support_radius
-        self.weight = params.cell_volume * cubic_scale(self.h, self.dimension)
+        self.weight = params.cell_volume * spline_scale(self.h, self.dimension)
         self.length = np.zeros(3)
         if bounds.kind == "periodic" and bounds.lower is not None and bounds.upper is not None:
             self.length[: self.dimension] = np.subtract(bounds.upper, bounds.lower)[: self.dimension]
@@ -151,7 +151,7 @@ class Gauges:
             place = nearest + k
             there = (place >= 0) & (place < len(heights))
             q = np.sqrt(r2[there] + (heights[place[there]] - y[there]) ** 2) / self.h
-            np.add.at(density, place[there], self.weight * cubic_values(np.minimum(q, 1.0)))
+            np.add.at(density, place[there], self.weight * spline_values(np.minimum(q, 1.0), self.dimension))
         return heights, density
 
     def _front(self, gauge: FrontGauge, fluid: Reading) -> Numbers:
@@ -179,7 +179,7 @@ class Gauges:
         way = self._away(fluid, np.array(gauge.position))[:, : self.dimension]
         r = np.linalg.norm(way, axis=1)
         near = r < self.h
-        weight = self.weight * cubic_values(r[near] / self.h)
+        weight = self.weight * spline_values(r[near] / self.h, self.dimension)
         if weight.sum() < NEAR:
             return {"": 0.0}
         mean = (weight @ way[near]) / weight.sum()

@@ -22,7 +22,7 @@ import numpy as np
 
 from tianim.errors import SceneError
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.math.smoothing import cubic, cubic_slope
+from tianim.math.smoothing import spline, spline_slope
 from tianim.spatial.columns import staggered
 from tianim.spatial.grid import NeighborGrid
 from tianim.spatial.neighbor_lists import list_run, number_places
@@ -112,7 +112,7 @@ def list_pairs(
                             begin[i], end[i] = at, at
                             if fits and m <= room:
                                 end[i] = at + near
-                                total, stretched = cubic(0.0), 0.0
+                                total, stretched = spline(dimension, 0.0), 0.0
                                 for k in range(near):
                                     j = line[task, k]
                                     neighbour[at + k] = ti.cast(scratch[6, j], ti.i32)
@@ -125,8 +125,8 @@ def list_pairs(
                                         dz = scratch[2, me] - scratch[2, j]
                                     r2 = dx * dx + dy * dy + dz * dz + TINY * h * h
                                     r = ti.sqrt(r2)
-                                    total += cubic(r / h)
-                                    g = scale * cubic_slope(r / h) / (h * r)
+                                    total += spline(dimension, r / h)
+                                    g = scale * spline_slope(dimension, r / h) / (h * r)
                                     gradient[0, at + k] = g * dx
                                     gradient[1, at + k] = g * dy
                                     gradient[2, at + k] = g * dz

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
+from tianim.math.smoothing import SUPPORT
 from tianim.params import Animated, Fraction, Keyframes, Name, Params, Positive, Vector3
 from tianim.spatial.grid import NARROWEST
 from tianim.system import Bounds, SystemParams
@@ -32,7 +33,7 @@ MOST_NAMES = 1000
 # State, its twin for sorting, and scratch; a stored pair (neighbour and gradient) and pairs a particle.
 BYTES_PER_PARTICLE = 240
 BYTES_PER_PAIR = 16
-PAIRS_PER_PARTICLE = {2: 16, 3: 40}
+PAIRS_PER_PARTICLE = {2: 28, 3: 40}
 # Of a step with some six iterations of the pressure solve on two ordinary cores.
 SECONDS_PER_PARTICLE = {"dfsph": 1.1e-6, "pbf": 1.5e-6, "wcsph": 0.5e-6}
 SECONDS_PER_STEP = 1e-3
@@ -107,8 +108,9 @@ class FluidParams(SystemParams):
     spacing: Annotated[float, Field(ge=1e-6, le=1e6)] = Field(
         0.02, description="distance of particles at rest [m]"
     )
-    support: Annotated[float, Field(ge=1.5, le=4)] = Field(
-        2.0, description="support radius of the smoothing kernel, in spacings"
+    support: Annotated[float, Field(ge=1.5, le=4)] | None = Field(
+        None,
+        description="support radius of the smoothing kernel, in spacings; left out: 2, and 2.75 in the plane",
     )
     density: Density = Field(1000.0, description="density at rest [kg/m3]")
     viscosity: Viscosity = Field(1.0e-6, description="kinematic viscosity [m2/s]; water 1e-6, honey 5e-3")
@@ -152,7 +154,7 @@ class FluidParams(SystemParams):
     @property
     def support_radius(self) -> float:
         """Reach of the smoothing kernel, h [m]."""
-        return self.support * self.spacing
+        return (self.support or SUPPORT[self.dimension]) * self.spacing
 
     @property
     def calming(self) -> float:
@@ -194,7 +196,8 @@ class FluidParams(SystemParams):
 
     def memory_bytes(self) -> int:
         """State, lists with gradients and scratch."""
-        pairs = PAIRS_PER_PARTICLE[self.dimension] * (self.support / 2.0) ** self.dimension
+        wider = self.support_radius / (SUPPORT[self.dimension] * self.spacing)
+        pairs = PAIRS_PER_PARTICLE[self.dimension] * wider**self.dimension
         return int((BYTES_PER_PARTICLE + BYTES_PER_PAIR * pairs) * self.particle_count()) + (1 << 22)
 
     def seconds_per_step(self) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import ti
-from tianim.math.smoothing import cubic_scale, lattice_sum
+from tianim.math.smoothing import lattice_sum, spline_scale
 from tianim.spatial.columns import Columns
 
 WIDTHS = {"position": 3, "velocity": 3, "warm": 2, "phase": -1}
@@ -45,7 +45,7 @@ class Particles:
         self.dimension, self.spacing, self.h = dimension, spacing, support * spacing
         self.columns = Columns(0, {**WIDTHS, CHANGE: 3} if viscous else WIDTHS, room=room)
         capacity = self.columns.capacity
-        self.scale = cubic_scale(self.h, dimension)
+        self.scale = spline_scale(self.h, dimension)
         self.volume = spacing**dimension / lattice_sum(support, dimension)
         self.rest_density: Any = ti.ndarray(ti.f32, len(rest_density))
         self.rest_density.from_numpy(rest_density)

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.math.smoothing import cubic, cubic_slopes
+from tianim.math.smoothing import spline, spline_slopes
 from tianim.spatial.neighbor_lists import nearest_image
 from tianim.system import Bounds
 from tianim.systems.fluid.crew import MOST_TURNS, PIECE, Crew
@@ -145,6 +145,7 @@ def start_from(
 
 @ti.kernel
 def smooth_velocities(
+    dimension: ti.template(),
     n: ti.i32,
     h: ti.f32,
     scale: ti.f32,
@@ -169,7 +170,7 @@ def smooth_velocities(
             dy = nearest_image(x[1, i] - x[1, j], length[1])
             dz = nearest_image(x[2, i] - x[2, j], length[2])
             other = rho[phase[0, j]]
-            w = cubic(ti.sqrt(dx * dx + dy * dy + dz * dz) / h) * 2.0 * other / (own + other)
+            w = spline(dimension, ti.sqrt(dx * dx + dy * dy + dz * dz) / h) * 2.0 * other / (own + other)
             sx += w * (v[0, j] - a)
             sy += w * (v[1, j] - b)
             sz += w * (v[2, j] - c)
@@ -215,7 +216,8 @@ class Pbf:
         self._inverse_rho: Any = ti.ndarray(ti.f32, len(rho))
         self._inverse_rho.from_numpy((1.0 / rho).astype(rho.dtype))
         # The part of one pair, at its steepest, in a diagonal.
-        slope = particles.volume * particles.scale * float(abs(cubic_slopes(0.5))) / particles.h
+        steepest = float(abs(spline_slopes(0.5, particles.dimension)))
+        slope = particles.volume * particles.scale * steepest / particles.h
         self._pair = slope**2 / float(rho.max())
         self._allocate(particles.columns.capacity)
 
@@ -301,8 +303,8 @@ class Pbf:
         )  # fmt: skip
         n = particles.count
         solve(
-            params.artificial_pressure > 0.0, first, last, self._planned - 2, self._part(), n, dt,
-            particles.h, particles.volume * particles.scale, params.cfm,
+            particles.dimension, params.artificial_pressure > 0.0, first, last, self._planned - 2,
+            self._part(), n, dt, particles.h, particles.volume * particles.scale, params.cfm,
             params.artificial_pressure / self._pair,
             LONE * self._pair, -UNBOUNDED if pairs.is_full else 0.0,
             AIM * params.density_error_p99, crew.tasks_for(n), crew.stride, self._plan, crew.array, crew.sums,
@@ -334,8 +336,8 @@ class Pbf:
     def _smooth(self) -> None:
         particles, pairs, n = self._particles, self.pairs, self._particles.count
         smooth_velocities(
-            n, particles.h, self._params.xsph * particles.volume * particles.scale, particles.rest_density,
-            particles["phase"], pairs.length, pairs.begin, pairs.end, pairs.neighbour,
+            particles.dimension, n, particles.h, self._params.xsph * particles.volume * particles.scale,
+            particles.rest_density, particles["phase"], pairs.length, pairs.begin, pairs.end, pairs.neighbour,
             particles["position"], particles["velocity"], self._moved,
         )  # fmt: skip
         kick(n, 1.0, self._moved, particles["velocity"])

@@ -5,7 +5,7 @@ between them now and then, and FINISH.
 """
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.math.smoothing import cubic, cubic_slope
+from tianim.math.smoothing import spline, spline_slope
 from tianim.spatial.neighbor_lists import nearest_image
 from tianim.systems.fluid.crew import first_of, last_of, meet, pieces, take
 from tianim.systems.fluid.pairs import TINY
@@ -20,10 +20,10 @@ APART = 0.2
 
 @ti.func
 def prepare(
-    spreading: ti.template(), i, dt, h, spread, inverse_rho: ti.template(), phase: ti.template(),
-    begin: ti.template(), end: ti.template(), neighbour: ti.template(), gradient: ti.template(),
-    length: ti.template(), wall: ti.template(), flux: ti.template(), density: ti.template(),
-    start: ti.template(), x: ti.template(), v: ti.template(), offset: ti.template(),
+    dimension: ti.template(), spreading: ti.template(), i, dt, h, spread, inverse_rho: ti.template(),
+    phase: ti.template(), begin: ti.template(), end: ti.template(), neighbour: ti.template(),
+    gradient: ti.template(), length: ti.template(), wall: ti.template(), flux: ti.template(),
+    density: ti.template(), start: ti.template(), x: ti.template(), v: ti.template(), offset: ti.template(),
     diagonal: ti.template(), source: ti.template(),
 ):  # fmt: skip
     """Diagonal and source of particle i at its prediction, and its `offset` by forces from there."""
@@ -41,7 +41,7 @@ def prepare(
             for c in ti.static(range(3)):
                 difference = nearest_image(x[c, i] - x[c, neighbour[k]], length[c])
                 r2 += difference * difference
-            w = cubic(ti.sqrt(r2) / h) / cubic(APART)
+            w = spline(dimension, ti.sqrt(r2) / h) / spline(dimension, APART)
             apart += w * w * w * w * ti.Vector([gx, gy, gz])
     g = ti.Vector([wall[0, i], wall[1, i], wall[2, i]])
     own = inverse_rho[phase[0, i]]
@@ -97,16 +97,17 @@ def relax(
 
 @ti.func
 def renew(
-    i, dt, h, scale, inverse_rho: ti.template(), phase: ti.template(), begin: ti.template(),
-    end: ti.template(), neighbour: ti.template(), gradient: ti.template(), length: ti.template(),
-    flux: ti.template(), share, g, x: ti.template(), v: ti.template(), moved: ti.template(),
-    offset: ti.template(), diagonal: ti.template(), source: ti.template(), change: ti.template(),
+    dimension: ti.template(), i, dt, h, scale, inverse_rho: ti.template(), phase: ti.template(),
+    begin: ti.template(), end: ti.template(), neighbour: ti.template(), gradient: ti.template(),
+    length: ti.template(), flux: ti.template(), share, g, x: ti.template(), v: ti.template(),
+    moved: ti.template(), offset: ti.template(), diagonal: ti.template(), source: ti.template(),
+    change: ti.template(),
 ):  # fmt: skip
     """Tangent of particle i at x + `moved`, with the walls' `share` and its gradient `g` there.
 
     From here on count the way in `offset` and the pressure in `change`.
     """
-    total, tangent, square = cubic(0.0), 0.0, 0.0
+    total, tangent, square = spline(dimension, 0.0), 0.0, 0.0
     sx, sy, sz = 0.0, 0.0, 0.0
     ux, uy, uz = moved[0, i], moved[1, i], moved[2, i]
     for k in range(begin[i], end[i]):
@@ -116,8 +117,8 @@ def renew(
         dy = nearest_image(x[1, i] - x[1, j], length[1]) + ay
         dz = nearest_image(x[2, i] - x[2, j], length[2]) + az
         r = ti.sqrt(dx * dx + dy * dy + dz * dz + TINY * h * h)
-        total += cubic(r / h)
-        slope = scale * cubic_slope(r / h) / (h * r)
+        total += spline(dimension, r / h)
+        slope = scale * spline_slope(dimension, r / h) / (h * r)
         gradient[0, k] = slope * dx
         gradient[1, k] = slope * dy
         gradient[2, k] = slope * dz
@@ -136,6 +137,7 @@ def renew(
 
 @ti.kernel
 def solve(
+    dimension: ti.template(),
     spreading: ti.template(),
     first: ti.i32,
     last: ti.i32,
@@ -213,15 +215,16 @@ def solve(
                                 near = wall_terms(table, samples, shares, support, walls, p)
                             wall[0, i], wall[1, i], wall[2, i] = near.x, near.y, near.z
                             renew(
-                                i, dt, h, scale, inverse_rho, phase, begin, end, neighbour, gradient, length,
-                                flux, near.w, near.xyz, x, v, moved, offset, diagonal, source, change,
+                                dimension, i, dt, h, scale, inverse_rho, phase, begin, end, neighbour,
+                                gradient, length, flux, near.w, near.xyz, x, v, moved, offset, diagonal,
+                                source, change,
                             )  # fmt: skip
                         else:
                             if work == PREPARE:
                                 prepare(
-                                    spreading, i, dt, h, spread, inverse_rho, phase, begin, end, neighbour,
-                                    gradient, length, wall, flux, density, start, x, v, offset, diagonal,
-                                    source,
+                                    dimension, spreading, i, dt, h, spread, inverse_rho, phase, begin, end,
+                                    neighbour, gradient, length, wall, flux, density, start, x, v, offset,
+                                    diagonal, source,
                                 )  # fmt: skip
                             a = push_of(i, inverse_rho, phase, begin, end, neighbour, gradient, wall, change)
                             for c in ti.static(range(3)):

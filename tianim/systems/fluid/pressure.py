@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from tianim.lang import ti
-from tianim.math.smoothing import cubic_slopes
+from tianim.math.smoothing import spline_slopes
 from tianim.systems.fluid.correction import Correction
 from tianim.systems.fluid.crew import MOST_TURNS, PIECE, Crew
 from tianim.systems.fluid.pairs import Pairs
@@ -76,7 +76,7 @@ def largest_eigenvalue(support: float, dimension: int) -> float:
     x = np.stack(np.meshgrid(*[reach] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     r = np.linalg.norm(x, axis=1)
     x, r = x[(r > 0.0) & (r < support)], r[(r > 0.0) & (r < support)]
-    gradient = (cubic_slopes(r / support) / r)[:, None] * x
+    gradient = (spline_slopes(r / support, dimension) / r)[:, None] * x
     wave = np.linspace(0.0, math.pi, WAVES)
     k = np.stack(np.meshgrid(*[wave] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     amplitude = np.sin(k @ x.T) @ gradient

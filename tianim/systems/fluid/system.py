@@ -89,7 +89,12 @@ class Fluid:
         room = max(params.capacity or count + params.emitted_count(), 1)
         rest_density = np.array([phase.density for phase in params.all_phases()], np.float32)
         self.particles = Particles(
-            room, params.dimension, params.spacing, params.support, rest_density, may_be_implicit(params)
+            room,
+            params.dimension,
+            params.spacing,
+            params.support_radius / params.spacing,
+            rest_density,
+            may_be_implicit(params),
         )
         self.particles.columns.append(
             count,

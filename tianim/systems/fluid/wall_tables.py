@@ -14,6 +14,10 @@ layer, which misses nothing:
 
     law(z) = c ((d/2 + 2 c d - z) / (2 c d))^2        at most 1/2; beyond the surface 1 - law(-z)
 
+With a support of more than 2 d the second layer misses something too (0.002 of 2.75 d in the plane). For it
+there is a tail, a square that ends where nothing is missing any more; the steep part then is for what is left
+of c and, so that the slopes of both layers together are -1/d, of the slope.
+
 A wall that is curved, of radius R, has the same law times a part: the integral of the kernel over it seen
 from the first layer, over that for a plane. A sphere of radius r about a particle at distance s is covered
 by a ball (solid cylinder, disc in two dimensions), with k = 1/R, to the parts
@@ -37,7 +41,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from tianim.lang import ti
-from tianim.math.smoothing import cubic_scale, cubic_values, lattice_sum
+from tianim.math.smoothing import lattice_sum, spline_scale, spline_values
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +56,7 @@ BALL, BALL_SLOPE, ROD, ROD_SLOPE = 0, 1, 2, 3
 CORNER = 4 * CURVATURES  # A
 CORNER_SLOPE = CORNER + 1
 ROWS = CORNER + 2
-FIRST = 0.5  # distance of the first layer [spacings]
+FIRST, SECOND = 0.5, 1.5  # distances of the first layers [spacings]
 # Nearer to a wall than so many spacings the share is 1/2. Contacts keep particles out of there; the slope
 # that they feel at it stays for those a little nearer, and ends where the edges of solids are looked up.
 CLOSEST, SLOPES_END = 0.25, 0.1
@@ -61,7 +65,28 @@ RADII = 800  # steps of the integrals over r
 
 def reach(support: float, dimension: int) -> float:
     """Where shares end [spacings], for particles whose kernel has a support of `support` spacings."""
-    return FIRST + 2.0 * _lattice_share(support, dimension, 1)
+    return max(FIRST + _steep(support, dimension)[1], _tail(support, dimension)[1])
+
+
+def _tail(support: float, dimension: int) -> tuple[float, float]:
+    """What the second layer misses, and where the tail of the law ends [spacings]."""
+    second = _lattice_share(support, dimension, 1, 2)
+    return second, support - FIRST if second > 0.0 else FIRST
+
+
+def _tail_law(z: Floats, support: float, dimension: int) -> tuple[Floats, Floats]:
+    """The tail at distances z [spacings], and its slope."""
+    second, end = _tail(support, dimension)
+    width = max(end - SECOND, 1e-9)
+    left = np.maximum(end - z, 0.0) / width
+    return second * left**2, -2.0 * second * left / width
+
+
+def _steep(support: float, dimension: int) -> tuple[float, float]:
+    """What the steep part of the law is at the first layer, and how much farther it goes [spacings]."""
+    tail, slope = _tail_law(np.array([FIRST, SECOND]), support, dimension)
+    part = _lattice_share(support, dimension, 1) - float(tail[0])
+    return part, 2.0 * part / (1.0 + float(slope.sum()))
 
 
 @lru_cache(maxsize=8)
@@ -69,7 +94,7 @@ def share_tables(support: float, dimension: int) -> NDArray[np.float32]:
     """The table that kernels look up, (ROWS, COLUMNS), over distances in reaches."""
     s = np.linspace(-1.0, 1.0, COLUMNS)
     missing, unit = _lattice_share(support, dimension, 1), reach(support, dimension)
-    law, slope = share_law(np.abs(s) * unit, missing)
+    law, slope = share_law(np.abs(s) * unit, support, dimension)
     rows = np.zeros((ROWS, COLUMNS))
     for k in range(CURVATURES):
         for kind, row in (("ball", 4 * k + BALL), ("rod", 4 * k + ROD)):
@@ -82,12 +107,13 @@ def share_tables(support: float, dimension: int) -> NDArray[np.float32]:
     return rows.astype(np.float32)
 
 
-def share_law(z: Floats, missing: float) -> tuple[Floats, Floats]:
+def share_law(z: Floats, support: float, dimension: int) -> tuple[Floats, Floats]:
     """Share of a plane at distances `z` >= 0 [spacings], and its slope per spacing."""
-    width = 2.0 * missing
-    left = np.maximum(FIRST + width - np.maximum(z, CLOSEST), 0.0) / width
-    kept = np.clip(2.0 * (z - SLOPES_END) / (CLOSEST - SLOPES_END), 0.0, 1.0)
-    return np.minimum(missing * left**2, 0.5), -left * kept
+    part, width = _steep(support, dimension)
+    z, kept = np.maximum(z, CLOSEST), np.clip(2.0 * (z - SLOPES_END) / (CLOSEST - SLOPES_END), 0.0, 1.0)
+    left = np.maximum(FIRST + width - z, 0.0) / width
+    tail, slope = _tail_law(z, support, dimension)
+    return np.minimum(part * left**2 + tail, 0.5), (slope - 2.0 * part * left / width) * kept
 
 
 def _parts(curvature: float, support: float, dimension: int, kind: str) -> tuple[float, float]:
@@ -115,9 +141,9 @@ def _marginal_samples(dimension: int) -> tuple[Floats, Floats]:
     """The kernel of support 1 summed along one axis out of three; in two dimensions the kernel."""
     r = np.linspace(0.0, 1.0, RADII + 1)
     if dimension == 2:
-        return r, np.asarray(cubic_scale(1.0, 2) * cubic_values(r))
+        return r, np.asarray(spline_scale(1.0, 2) * spline_values(r, 2))
     z = (np.arange(RADII // 2) + 0.5) / (RADII // 2)
-    return r, np.asarray(2.0 * cubic_scale(1.0, 3) * cubic_values(np.hypot(r[:, None], z)).mean(axis=1))
+    return r, np.asarray(2.0 * spline_scale(1.0, 3) * spline_values(np.hypot(r[:, None], z), 3).mean(axis=1))
 
 
 def _marginal(r: Floats, dimension: int) -> Floats:
@@ -128,7 +154,7 @@ def _share(s: Floats, curvature: float, dimension: int, kind: str) -> Floats:
     """Share of a ball or rod at distances `s`, (n,)."""
     r = (np.arange(RADII) + 0.5) / RADII
     if kind == "ball":
-        weight = 4.0 * math.pi * r**2 * cubic_scale(1.0, 3) * cubic_values(r)
+        weight = 4.0 * math.pi * r**2 * spline_scale(1.0, 3) * spline_values(r, 3)
     else:
         weight = 2.0 * math.pi * r * _marginal(r, dimension)
     weight /= weight.sum()
@@ -148,12 +174,13 @@ def _share(s: Floats, curvature: float, dimension: int, kind: str) -> Floats:
 
 
 @lru_cache(maxsize=32)
-def _lattice_share(support: float, dimension: int, axes: int) -> float:
-    """What a lattice particle misses where all is gone that lies below it along each of `axes` axes."""
+def _lattice_share(support: float, dimension: int, axes: int, layer: int = 1) -> float:
+    """What a lattice particle misses where all from a layer below it on is gone, along `axes` axes."""
     axis = np.arange(-math.ceil(support), math.ceil(support) + 1)
     grid = np.stack(np.meshgrid(*[axis] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
-    gone = (grid[:, :axes] < 0).all(axis=1)
-    weights = cubic_scale(support, dimension) * cubic_values(np.linalg.norm(grid, axis=1) / support)
+    gone = (grid[:, :axes] <= -layer).all(axis=1)
+    r = np.linalg.norm(grid, axis=1) / support
+    weights = spline_scale(support, dimension) * spline_values(r, dimension)
     return float(weights[gone].sum() / lattice_sum(support, dimension))
 
 

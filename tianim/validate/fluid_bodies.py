@@ -13,7 +13,7 @@ from tianim.validate.fluid_tanks import DENSITY, GRAVITY, METHODS, Floats, box, 
 BUOYANCY = "exact: Archimedes, the weight of the water displaced"
 
 # A tank and the body that is held in it [m].
-WIDE, DEEP, SPACING = 1.0, 0.5, 0.02
+WIDE, DEEP, SPACING = 1.0, 0.5, 1.0 / 60.0
 BODY: dict[str, dict[str, Any]] = {
     "box": {"kind": "box", "size": (0.24, 0.2, 1.0)},
     "disc": {"kind": "sphere", "radius": 0.12},

@@ -30,7 +30,7 @@ TABLE = (
 NARROW = ((0.849, 1.245), (1.212, 1.443), (1.602, 1.884), (2.283, 2.689), (2.950, 3.728))
 WIDE = ((1.219, 1.474), (1.997, 2.292), (2.547, 2.995))
 # Drag of what is smaller than the particles: an eddy viscosity [m2/s], friction of floor and walls.
-VISCOSITY, FRICTION = 1.8e-4, 0.6
+VISCOSITY, FRICTION = 1.2e-4, 0.45
 # Fastest flow to come [m/s]: a fall from the top.
 FASTEST = float(np.sqrt(4.0 * GRAVITY * WIDTH))
 # The front stands in the layers up to here [spacings]: the lowest, and what has slid onto it.

@@ -46,6 +46,9 @@ class SystemParams(Params):
     ) -> None:
         """Raise ValueError where the rest of the scene does not fit: bounds, or names that are not there."""
 
+    def check_substeps(self, frame: float) -> None:
+        """Raise ValueError where a frame of so many seconds needs more substeps than the system allows."""
+
 
 @dataclass(frozen=True)
 class Bounds:

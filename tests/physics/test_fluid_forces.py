@@ -290,6 +290,20 @@ def test_each_limit_can_bind() -> None:
     assert limits.largest().name == "largest"
 
 
+def test_pressure_limits_the_step_of_dfsph_alone() -> None:
+    """By the fourth powers of P / rho: in a pool at rest, where it grows evenly, by the one at the bottom."""
+    for method in ("dfsph", "wcsph"):
+        limits, particles = limited(method=method, phases={"oil": {"density": 500.0}})
+        pressure = np.zeros(particles.columns.capacity, np.float32)
+        pressure[:3] = [4000.0, -3000.0, 1000.0]
+        particles.pressure.from_numpy(pressure)
+        particles.columns.write("phase", np.array([[0], [0], [1]]))
+        assert ("pressed" in limits.limits()) is (method == "dfsph")
+        if method == "dfsph":
+            deep = np.sqrt((5.0 * (4.0**4 + 2.0**4) / 3.0) ** 0.25)
+            assert limits.limits()["pressed"] == pytest.approx(timestep.PRESSED * 0.1 / deep, rel=1e-5)
+
+
 def test_a_step_below_the_smallest_says_why() -> None:
     limits, _ = limited(surface_tension=5000.0, time_step={"smallest": 1e-2, "largest": 0.1})
     with pytest.raises(SceneError, match=r"\(capillary\).*time_step\.smallest, 0\.01 s: the surface tension"):

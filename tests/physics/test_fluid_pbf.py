@@ -98,6 +98,40 @@ def test_iterations_take_the_compression_away() -> None:
     assert left[-1] < 0.1 * left[0]
 
 
+def test_half_an_iteration_goes_half_the_way() -> None:
+    found = []
+    for count in (2.0, 2.5, 3.0):
+        flow = stirred(**iterations(2))
+        method = flow.method
+        method.predict(0.0, DT)
+        method.find()
+        method.accelerate(0.0, DT)
+        method.iterations = count
+        method.solve(DT)
+        found.append((flow.array(flow.particles.pressure), method.error))
+    (two, of_two), (middle, between), (three, of_three) = found
+    free = (two > 0.0) & (three > 0.0)
+    assert free.sum() > 0.3 * len(free)
+    assert np.abs(three - two)[free].max() > 0.01 * two.max()
+    np.testing.assert_allclose(middle[free], 0.5 * (two + three)[free], atol=SINGLE * three.max())
+    np.testing.assert_allclose(between, 0.5 * (np.array(of_two) + of_three), rtol=1e-4)
+
+
+def test_a_number_of_iterations_that_was_high_stays_for_a_while() -> None:
+    """A column that hops has no error when it is up: its number must not fall then."""
+    method = stirred().method
+    method.iterations, method.error = 8.0, (0.009, 0.0)
+    method._adapt()
+    high = method.iterations
+    method.error = (0.0, 0.0)
+    for _ in range(20):
+        method._adapt()
+    assert method.iterations == high
+    for _ in range(200):
+        method._adapt()
+    assert method.iterations < high - 2.0
+
+
 def test_momentum_is_kept() -> None:
     flow = stirred(
         gravity=(0.0, 0.0, 0.0), **iterations(RENEWAL + 2, xsph=0.1, artificial_pressure=0.1, cfm=0.01)

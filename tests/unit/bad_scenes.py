@@ -13,6 +13,15 @@ import numpy as np
 HEAD = "tianim: 1\nfps: 30\nduration: 1\n"
 BOIDS = "systems:\n  boids:\n    kind: boids\n    count: 10\n"
 SCENE = HEAD + BOIDS
+FAST_WATER = """tianim: 1
+duration: 1
+systems:
+  water:
+    kind: fluid
+    spacing: 0.05
+    time_step: {most_substeps: 20}
+    blocks: {pool: {kind: box, lower: [0, 0, 0], upper: [0.5, 0.5, 0.5], velocity: [30, 0, 0]}}
+"""
 
 
 @dataclass(frozen=True)
@@ -248,6 +257,14 @@ KEYS = (
         "time step far below a frame",
         (r"scene\.yaml:5: systems\.boids: a frame would need more than 1,000,000 substeps of 1e-12 s$",),
         with_boids("time_step: 1e-12"),
+    ),
+    BadScene(
+        "more substeps than the fluid allows",
+        (
+            r"scene\.yaml:4: systems\.water: a frame would need 40 substeps, of 0\.000833 s \(flow\)",
+            "most_substeps, 20",
+        ),
+        FAST_WATER,
     ),
     BadScene(
         "system and body of one name",

@@ -39,6 +39,11 @@ def _steps(scene: Scene) -> Iterator[Problem]:
         if scene.frame_count > 1 and 1.0 / scene.fps > MOST_SUBSTEPS * step:
             message = f"a frame would need more than {MOST_SUBSTEPS:,} substeps of {step:g} s"
             yield Problem(("systems", name), message)
+        elif scene.frame_count > 1:
+            try:
+                params.check_substeps(1.0 / scene.fps)
+            except ValueError as error:
+                yield Problem(("systems", name), str(error))
 
 
 def _overlaps(scene: Scene) -> Iterator[Problem]:

@@ -41,6 +41,16 @@ SECONDS_PER_STEP = 1e-3
 CAPILLARY = 0.4
 # Way in a step, in spacings: PBF takes places from where they are, and bears more.
 CFL = {"dfsph": 0.5, "pbf": 0.8, "wcsph": 0.4}
+# What limits a step (timestep.py), and what to do about it.
+CURES = {
+    "flow": "the fluid is fast for its spacing: a larger spacing, a larger time_step.cfl or a slower start",
+    "spray": "single particles are very fast: look whether blocks overlap or start in a wall",
+    "pressed": "the fluid is deep for its spacing, or driven together: a larger spacing",
+    "capillary": "the surface tension is large for the spacing: a larger spacing or less surface_tension",
+    "acoustic": "the sound is fast for the spacing: a larger spacing, a smaller wcsph.sound_speed or dfsph",
+    "depth": "the fluid is deep for its spacing: a larger spacing, or dfsph",
+    "largest": "time_step.largest is that short",
+}
 # What counts as standing still when the first step is estimated [m/s].
 LEAST_SPEED = 1e-3
 
@@ -95,6 +105,15 @@ class TimeStep(Params):
                 f"smallest {self.smallest:g} s: must not exceed the largest step, {self.largest:g} s"
             )
         return self
+
+
+def refuse_substeps(substeps: int, allowed: TimeStep, name: str, step: float) -> None:
+    """ValueError where a frame needs more substeps than are `allowed`, of `step` [s] for the limit `name`."""
+    if substeps > allowed.most_substeps:
+        raise ValueError(
+            f"a frame would need {substeps:,} substeps, of {step:.3g} s ({name}), more than "
+            f"time_step.most_substeps, {allowed.most_substeps:,}: {CURES[name]}; or a larger most_substeps"
+        )
 
 
 class FluidParams(SystemParams):
@@ -206,13 +225,22 @@ class FluidParams(SystemParams):
 
     def largest_step(self) -> float:
         """Largest step [s] at the start: as given, or by the speed of blocks, emitters and sound."""
-        limit = self.cfl * self.spacing
-        steps = [self.time_step.largest, limit / self._fastest()]
+        return min(self._step_limits().values())
+
+    def _step_limits(self) -> dict[str, float]:
+        """What is known of the limits at the start, by name [s]."""
+        limits = {"largest": self.time_step.largest, "flow": self.cfl * self.spacing / self._fastest()}
         if self.surface_tension > 0.0:
             lightest = min(phase.density for phase in self.all_phases())
             wave = math.sqrt(lightest * self.spacing**3 / (2.0 * math.pi * self.surface_tension))
-            steps.append(CAPILLARY * wave)
-        return min(steps)
+            limits["capillary"] = CAPILLARY * wave
+        return limits
+
+    def check_substeps(self, frame: float) -> None:
+        """ValueError where a frame of so many seconds needs more than `time_step.most_substeps`."""
+        limits = self._step_limits()
+        name = min(limits, key=lambda key: limits[key])
+        refuse_substeps(math.ceil(frame / limits[name] * (1.0 - 1e-9)), self.time_step, name, limits[name])
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
         """Bounds have room, blocks lie within them, bodies exist; ValueError says which does not."""

@@ -26,11 +26,10 @@ from tianim.systems.fluid.forces import Forces
 from tianim.systems.fluid.gauge_params import ForceGauge
 from tianim.systems.fluid.gauges import Gauges, Reading
 from tianim.systems.fluid.pairs import Pairs
-from tianim.systems.fluid.params import FluidParams
+from tianim.systems.fluid.params import FluidParams, refuse_substeps
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.pbf import Pbf
 from tianim.systems.fluid.sinks import Sinks
-from tianim.systems.fluid.timestep import CURES
 from tianim.systems.fluid.viscosity import may_be_implicit
 from tianim.systems.fluid.walls import Walls
 from tianim.systems.fluid.wcsph import Wcsph
@@ -138,13 +137,11 @@ class Fluid:
 
     def check_substeps(self, substeps: int) -> None:
         """SceneError where a frame needs more than `time_step.most_substeps`."""
-        most, limit = self.params.time_step.most_substeps, self.forces.limits.binding
-        if substeps > most:
-            raise SceneError(
-                f"systems.{self.name}: a frame would need {substeps:,} substeps, of {limit.step:.3g} s "
-                f"({limit.name}), more than time_step.most_substeps, {most:,}: {CURES[limit.name]}; "
-                "or a larger most_substeps"
-            )
+        limit = self.forces.limits.binding
+        try:
+            refuse_substeps(substeps, self.params.time_step, limit.name, limit.step)
+        except ValueError as error:
+            raise SceneError(f"systems.{self.name}: {error}") from None
 
     def step(self, time: float, dt: float) -> None:
         """Let fluid in and out, then go on by `dt` [s]."""

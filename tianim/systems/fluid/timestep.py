@@ -20,7 +20,7 @@ import numpy as np
 from tianim.errors import SceneError
 from tianim.lang import f32_1d, f32_2d, i32_2d, ti, workers
 from tianim.spatial.tubes import share
-from tianim.systems.fluid.params import CAPILLARY, FluidParams
+from tianim.systems.fluid.params import CAPILLARY, CURES, FluidParams
 from tianim.systems.fluid.particles import Particles
 
 # Below this relative density a particle is spray, which nothing but a wall can meet, and walls follow its
@@ -28,22 +28,12 @@ from tianim.systems.fluid.particles import Particles
 # neighbours, is in a checkpoint.
 SPRAY = 0.55
 SPRAY_WAY = 2.5
-# Measured on columns of 82 layers that begin to fall apart: steps 1.1 times as long stir their corners, 1.4
-# times as long burst them. Pools at rest of 40 to 80 layers bear steps twice as long.
-PRESSED = 0.35
+# Measured on columns of 82 layers that begin to fall apart: steps 1.2 times as long stir their corners, 1.6
+# times as long burst them. Pools at rest of 40 to 80 layers bear steps three times as long.
+PRESSED = 0.3
 RANGES = 64  # of particles, over which is summed, so that the number of threads changes nothing
 # Part of the time that sound takes through the support radius (Monaghan 1992).
 COURANT = 0.4
-
-CURES = {
-    "flow": "the fluid is fast for its spacing: a larger spacing, a larger time_step.cfl or a slower start",
-    "spray": "single particles are very fast: look whether blocks overlap or start in a wall",
-    "pressed": "the fluid is deep for its spacing, or driven together: a larger spacing",
-    "capillary": "the surface tension is large for the spacing: a larger spacing or less surface_tension",
-    "acoustic": "the sound is fast for the spacing: a larger spacing, a smaller wcsph.sound_speed or dfsph",
-    "depth": "the fluid is deep for its spacing: a larger spacing, or dfsph",
-    "largest": "time_step.largest is that short",
-}
 
 
 @ti.kernel

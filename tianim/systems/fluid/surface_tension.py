@@ -26,8 +26,10 @@ Walls mirror the fluid: the contact angle is 90 degrees. There is no tension bet
 Momentum is kept to rounding, angular momentum nearly (the stress of a pair is not along its line). Steps are
 stable up to 0.6 sqrt(rho d^3 / (2 pi sigma)).
 
-Limits: a drop that starts as a lattice swings 12 % too fast, until it has melted; a drop of R = 8 d loses
-half of its swing in a period (3D), one of R = 12 d a fifth (2D). At walls the surface stands a particle high.
+Limits: a drop that starts as a lattice swings 12 % too fast, until it has melted; the pressure in one at rest
+is not Laplace's (0.65 to 0.95 of it in the plane, as its particles happen to lie, 1.5 in space at R = 8 d); a
+drop of R = 8 d loses half of its swing in a period (3D), one of R = 12 d a fifth (2D). At walls the surface
+stands a particle high.
 
 Cost in 3D on 2 cores, CPU time over two in ns a particle (27 neighbours): 22 and 49.
 """

@@ -24,13 +24,13 @@ from tianim.systems.fluid.params import CAPILLARY, CURES, FluidParams
 from tianim.systems.fluid.particles import Particles
 
 # Below this relative density a particle is spray, which nothing but a wall can meet, and walls follow its
-# path. One alone has 0.32 (0.45 in two dimensions), the corner of a block 0.6. The density, unlike the
+# path. One alone has 0.32 (0.37 in two dimensions), the corner of a block 0.6. The density, unlike the
 # neighbours, is in a checkpoint.
 SPRAY = 0.55
 SPRAY_WAY = 2.5
-# Measured on columns of 82 layers that begin to fall apart: steps 1.2 times as long stir their corners, 1.6
-# times as long burst them. Pools at rest of 40 to 80 layers bear steps three times as long.
-PRESSED = 0.3
+# By dimension. Measured on columns of 80 layers that begin to fall apart: steps 1.2 times as long stir their
+# corners, 1.6 times as long burst them. Pools at rest of 40 to 80 layers bear steps three times as long.
+PRESSED = {2: 0.2, 3: 0.3}
 RANGES = 64  # of particles, over which is summed, so that the number of threads changes nothing
 # Part of the time that sound takes through the support radius (Monaghan 1992).
 COURANT = 0.4
@@ -121,7 +121,7 @@ class StepLimits:
             "depth": self.depth,
         }
         if params.method == "dfsph" and pressed > 0.0:
-            found["pressed"] = PRESSED * params.spacing / math.sqrt(pressed)
+            found["pressed"] = PRESSED[params.dimension] * params.spacing / math.sqrt(pressed)
         if self.sound_speed > 0.0:
             found["acoustic"] = COURANT * params.support_radius / (self.sound_speed + every)
         return found

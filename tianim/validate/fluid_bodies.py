@@ -137,7 +137,7 @@ CASES: tuple[Case, ...] = (
         Case(
             "fluid", f"buoyancy of a {shape}, density ratio {ratio:g}, {method}: force over the weight",
             partial(lift, shape, ratio, method), 1.0, BUOYANCY, tolerance=0.05,
-            slow=method != "dfsph" and shape == "disc",
+            slow=method == "wcsph" or (method != "dfsph" and shape == "disc"),
         )
         for method in METHODS
         for shape in BODY

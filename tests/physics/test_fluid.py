@@ -9,25 +9,31 @@ from tianim.validate.fluid_dam_break import FIRST, LAST, NARROW, TABLE, WIDE
 from tianim.validate.fluid_flows import GAP, THICK, couette, poiseuille
 from tianim.validate.fluid_tanks import bulk, height
 
-# What `tianim validate fluid`, with --slow too, shows as failed: its number here, its limit in the case. Some
-# lie at the limit, and may pass on another machine.
+# What `tianim validate fluid`, with --slow too, shows as failed: how far beyond its limit it was, and why.
+# Some lie at the limit, and may pass on another machine; none may be WORSE times as far beyond it.
 SHORT = {
-    "column of 20 layers, pbf, 8 s: largest speed over sqrt(g H)": "0.024: a particle of the surface, once",
-    "column of 40 layers, pbf, 4 s: largest speed over sqrt(g H)": "0.027: still comes to rest",
-    "column of 80 layers, pbf, 4 s: largest speed over sqrt(g H)": "0.21: it hops",
-    "Taylor-Green, Re 100, 40 across, pbf: error of the decay": "104 %: it loses its whirls",
-    "Taylor-Green, Re 100, 40 across, wcsph: error of the decay": "70 %",
-    "two drops collide, pbf: drift of the angular momentum": "0.008: pushes of predicted places",
-    "a drop at rest, 10 in its radius, 2D: pressure over Laplace's": "0.87: as its particles happen to lie",
-    "a drop at rest, 8 in its radius, 3D: pressure over Laplace's": "1.53",
+    "column of 20 layers, pbf, 8 s: largest speed over sqrt(g H)": (0.005, "a particle of the surface, once"),
+    "column of 40 layers, pbf, 4 s: largest speed over sqrt(g H)": (0.008, "still comes to rest"),
+    "column of 80 layers, pbf, 4 s: largest speed over sqrt(g H)": (0.2, "it hops"),
+    "Taylor-Green, Re 100, 40 across, pbf: error of the decay": (100.0, "it loses its whirls"),
+    "Taylor-Green, Re 100, 40 across, wcsph: error of the decay": (65.0, "it loses its whirls"),
+    "two drops collide, pbf: drift of the angular momentum": (0.0075, "pushes of predicted places"),
+    "a drop at rest, 10 in its radius, 2D: pressure over Laplace's": (0.13, "as its particles happen to lie"),
+    "a drop at rest, 8 in its radius, 3D: pressure over Laplace's": (0.53, "the layer presses too"),
 }
+WORSE = 2.0
 
 
 @pytest.mark.parametrize("case", as_tests(CASES["fluid"]))
-def test_case(case: Case, request: pytest.FixtureRequest) -> None:
-    if case.name in SHORT:
-        request.applymarker(pytest.mark.xfail(reason=SHORT[case.name], strict=False))
-    assert_passes(case)
+def test_case(case: Case) -> None:
+    if case.name not in SHORT:
+        assert_passes(case)
+        return
+    beyond, why = SHORT[case.name]
+    measured = case.run()
+    assert abs(case.error(measured)) < WORSE * beyond, f"{measured:g} ({why})"
+    if not case.passed(measured):
+        pytest.xfail(f"{measured:g}: {why}")
 
 
 def test_what_falls_short_is_a_case() -> None:

@@ -46,8 +46,7 @@ def tension_by_hand(bed: Bed, sigma: float) -> Floats:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_surface_tension_is_its_stress(dimension: int, two: bool) -> None:
     bed = stirred(dimension, two)
-    lightest = min(liquid.density for liquid in bed.phases)
-    SurfaceTension(0.7, lightest, bed.particles, bed.pairs, bed.walls).add(bed.pull)
+    SurfaceTension(0.7, bed.particles, bed.pairs, bed.walls).add(bed.pull)
     expected = tension_by_hand(bed, 0.7)
     # Five times: T has |grad c|, which cancels inside, where a little more or less than INSIDE decides.
     assert np.abs(bed.acceleration() - expected).max() < 5.0 * SINGLE * np.abs(expected).max()
@@ -57,7 +56,7 @@ def test_surface_tension_is_its_stress(dimension: int, two: bool) -> None:
 def test_surface_tension_keeps_momentum(dimension: int) -> None:
     """Across phases of density 1 and 5 too."""
     bed = stirred(dimension, two=True)
-    SurfaceTension(1.0, 1.0, bed.particles, bed.pairs, bed.walls).add(bed.pull)
+    SurfaceTension(1.0, bed.particles, bed.pairs, bed.walls).add(bed.pull)
     force = bed.mass()[:, None] * bed.acceleration()
     assert np.abs(force.sum(axis=0)).max() < CANCELS * np.abs(force).sum()
 
@@ -81,7 +80,7 @@ def test_a_wall_is_wetted_at_a_right_angle() -> None:
         bed.walls.count = count
         bed.walls.put("share", np.where(y < 1.0, 0.15, 0.0))
         bed.walls.put("gradient", np.stack([0.0 * y, np.where(y < 1.0, toward, 0.0), 0.0 * y]))
-        tension = SurfaceTension(1.0, 1.0, bed.particles, bed.pairs, bed.walls)
+        tension = SurfaceTension(1.0, bed.particles, bed.pairs, bed.walls)
         tension.add(bed.pull)
         order = np.argsort(bed.particles["id"].to_numpy()[0, : bed.n])
         strength = (tension.layer.to_numpy()[:, : bed.n] ** 2).sum(axis=0)[order][row]

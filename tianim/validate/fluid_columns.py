@@ -5,7 +5,7 @@ or a solver that stops too early, show as a level that sinks.
 """
 
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -97,21 +97,24 @@ def squeeze_ratio(few: int, many: int) -> float:
     return squeeze(many, 20) / squeeze(few, 20)
 
 
+def _worst_p99(system: Any, since: float, until: float) -> float:
+    """Largest 99 % density error after the steps from `since` to `until` [s], in percent."""
+    worst = [0.0]
+
+    def look(time: float, system: Any) -> None:
+        if time > since:
+            worst.append(float(np.percentile(np.maximum(system.read("density") - 1.0, 0.0), 99)))
+
+    run(system, until, look)
+    return 100.0 * max(worst)
+
+
 @lru_cache(maxsize=4)
 def splash(method: str) -> float:
     """Two columns fall together: largest 99 % density error from 0.1 s to 1 s [%]."""
     d = 0.025
     blocks = {"left": box((0.0, 0.0), (0.4, 0.8)), "right": box((1.2, 0.0), (1.6, 0.8))}
-    system = water(d, blocks, tank((0.0, 0.0), (1.6, 1.6)), method)
-    worst = [0.0]
-
-    def look(time: float, system: object) -> None:
-        if time > 0.1:
-            squeezed = np.maximum(system.read("density") - 1.0, 0.0)  # type: ignore[attr-defined]
-            worst.append(float(np.percentile(squeezed, 99)))
-
-    run(system, 1.0, look)
-    return 100.0 * max(worst)
+    return _worst_p99(water(d, blocks, tank((0.0, 0.0), (1.6, 1.6)), method), 0.1, 1.0)
 
 
 @lru_cache(maxsize=1)
@@ -126,15 +129,7 @@ def deep_start() -> float:
         d, {"column": box((0.0, 0.0, 0.0), (1.0, deep, across * d))},
         tank((0.0, 0.0, 0.0), (3.0, 2.0 * deep, across * d)), "dfsph", dimension=3,
     )  # fmt: skip
-    worst = [0.0]
-
-    def look(time: float, system: object) -> None:
-        if time > 0.03:
-            squeezed = np.maximum(system.read("density") - 1.0, 0.0)  # type: ignore[attr-defined]
-            worst.append(float(np.percentile(squeezed, 99)))
-
-    run(system, 0.12, look)
-    return 100.0 * max(worst)
+    return _worst_p99(system, 0.03, 0.12)
 
 
 def _at_rest(method: str, layers: int, until: float, slow: bool) -> tuple[Case, ...]:

@@ -54,8 +54,7 @@ class Forces:
             phase.model_copy(update={"viscosity": phase.viscosity + params.calming}) for phase in phases
         ]
         self.viscosity = Viscosity(calmed, particles, pairs, walls)
-        lightest = min(phase.density for phase in phases)
-        self.tension = SurfaceTension(params.surface_tension, lightest, particles, pairs, walls)
+        self.tension = SurfaceTension(params.surface_tension, particles, pairs, walls)
         self.vorticity = Vorticity(params.vorticity, particles, pairs)
         self._pulled = walls.count > 0 and (self.viscosity.walled or self.tension.active)
         self.pull: Any = ti.ndarray(ti.f32, (3, particles.columns.capacity if self._pulled else 1))

@@ -107,6 +107,13 @@ class TimeStep(Params):
         return self
 
 
+def capillary_limit(density: float, spacing: float, tension: float) -> float:
+    """Largest step [s] for a surface tension [N/m] of a fluid [kg/m3] of this spacing [m]."""
+    if tension == 0.0:
+        return math.inf
+    return CAPILLARY * math.sqrt(density * spacing**3 / (2.0 * math.pi * tension))
+
+
 def refuse_substeps(substeps: int, allowed: TimeStep, name: str, step: float) -> None:
     """ValueError where a frame needs more substeps than are `allowed`, of `step` [s] for the limit `name`."""
     if substeps > allowed.most_substeps:
@@ -229,12 +236,12 @@ class FluidParams(SystemParams):
 
     def _step_limits(self) -> dict[str, float]:
         """What is known of the limits at the start, by name [s]."""
-        limits = {"largest": self.time_step.largest, "flow": self.cfl * self.spacing / self._fastest()}
-        if self.surface_tension > 0.0:
-            lightest = min(phase.density for phase in self.all_phases())
-            wave = math.sqrt(lightest * self.spacing**3 / (2.0 * math.pi * self.surface_tension))
-            limits["capillary"] = CAPILLARY * wave
-        return limits
+        lightest = min(phase.density for phase in self.all_phases())
+        return {
+            "largest": self.time_step.largest,
+            "flow": self.cfl * self.spacing / self._fastest(),
+            "capillary": capillary_limit(lightest, self.spacing, self.surface_tension),
+        }
 
     def check_substeps(self, frame: float) -> None:
         """ValueError where a frame of so many seconds needs more than `time_step.most_substeps`."""

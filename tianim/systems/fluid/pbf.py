@@ -215,9 +215,9 @@ class Pbf:
         rho = particles.rest_density.to_numpy()
         self._inverse_rho: Any = ti.ndarray(ti.f32, len(rho))
         self._inverse_rho.from_numpy((1.0 / rho).astype(rho.dtype))
-        # The part of one pair, at its steepest, in a diagonal.
-        steepest = float(abs(spline_slopes(0.5, particles.dimension)))
-        slope = particles.volume * particles.scale * steepest / particles.h
+        # The part in a diagonal of one neighbour, a spacing away.
+        steep = float(abs(spline_slopes(particles.spacing / particles.h, particles.dimension)))
+        slope = particles.volume * particles.scale * steep / particles.h
         self._pair = slope**2 / float(rho.max())
         self._allocate(particles.columns.capacity)
 

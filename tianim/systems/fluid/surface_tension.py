@@ -186,7 +186,7 @@ class SurfaceTension:
     layer  m of each particle in the last step [sqrt(N/m2)]: into the fluid, 0 inside, (3, capacity)
     """
 
-    def __init__(self, sigma: float, lightest: float, particles: Particles, pairs: Pairs, walls: Any) -> None:
+    def __init__(self, sigma: float, particles: Particles, pairs: Pairs, walls: Any) -> None:
         self._particles, self._pairs, self._walls = particles, pairs, walls
         self._periodic = bool(pairs.length.to_numpy().any())
         self.active = sigma > 0.0
@@ -195,7 +195,7 @@ class SurfaceTension:
         self._sigma, self._isotropic = sigma, 1.0 + COHESION[dimension]
         self._slope = 4.0 * d**dimension * kernel_scale(h, dimension) / (h * h)
         self._core = CORE_FORCE * sigma / d
-        self._friction = FRICTION * math.sqrt(lightest * d / sigma) if self.active else 0.0
+        self._friction = FRICTION * math.sqrt(particles.lightest * d / sigma) if self.active else 0.0
         self.layer: Any = ti.ndarray(ti.f32, (3, particles.columns.capacity if self.active else 1))
 
     def add(self, pull: Any) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from tianim.errors import SceneError
 from tianim.lang import f32_1d, f32_2d, i32_2d, ti, workers
 from tianim.spatial.tubes import share
-from tianim.systems.fluid.params import CAPILLARY, CURES, FluidParams
+from tianim.systems.fluid.params import CURES, FluidParams, capillary_limit
 from tianim.systems.fluid.particles import Particles
 
 # Below this relative density a particle is spray, which nothing but a wall can meet, and walls follow its
@@ -79,13 +79,6 @@ def time_for(way: float, speed: float, acceleration: float) -> float:
     return 2.0 * way / root if root > 0.0 else math.inf
 
 
-def capillary_limit(density: float, spacing: float, tension: float) -> float:
-    """Largest step [s] for a surface tension [N/m] of a fluid [kg/m3] of this spacing [m]."""
-    if tension == 0.0:
-        return math.inf
-    return CAPILLARY * math.sqrt(density * spacing**3 / (2.0 * math.pi * tension))
-
-
 class StepLimits:
     """The limits of one fluid.
 
@@ -103,8 +96,7 @@ class StepLimits:
         self.depth = math.inf
         self.flow = params.time_step.largest
         self.binding = Limit(params.time_step.largest, "largest")
-        lightest = min(phase.density for phase in params.all_phases())
-        self._capillary = capillary_limit(lightest, params.spacing, params.surface_tension)
+        self._capillary = capillary_limit(particles.lightest, params.spacing, params.surface_tension)
         self._tasks, self._stride = workers()
         self._found: Any = ti.ndarray(ti.f32, (3, RANGES))
 

@@ -77,7 +77,9 @@ def _tail(support: float, dimension: int) -> tuple[float, float]:
 def _tail_law(z: Floats, support: float, dimension: int) -> tuple[Floats, Floats]:
     """The tail at distances z [spacings], and its slope."""
     second, end = _tail(support, dimension)
-    width = max(end - SECOND, 1e-9)
+    if second == 0.0:
+        return 0.0 * z, 0.0 * z
+    width = end - SECOND
     left = np.maximum(end - z, 0.0) / width
     return second * left**2, -2.0 * second * left / width
 

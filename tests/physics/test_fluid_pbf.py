@@ -8,7 +8,7 @@ from fluid_methods import DENSITIES, Flow, cube
 
 from tianim.system import Bounds
 from tianim.systems.fluid.crew import MOST_TURNS
-from tianim.systems.fluid.pbf import FIRST, MOST_ITERATIONS, RENEWAL, STEEP, WARM, Pbf, plan_of
+from tianim.systems.fluid.pbf import AT_SPACING, FIRST, MOST_ITERATIONS, RENEWAL, STEEP, WARM, Pbf, plan_of
 from tianim.systems.fluid.pbf_passes import FINISH, PREPARE, PUSH, RELAX, RELAXATION, RENEW
 from tianim.systems.fluid.vorticity import Vorticity
 
@@ -240,6 +240,19 @@ def test_artificial_pressure_keeps_two_apart() -> None:
         v = flow.stored("velocity")[:, 0]
         assert (np.ptp(v) > 0.0) == apart
         assert abs(v.sum()) <= 1e-6 * np.abs(v).max()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_artificial_pressure_of_a_neighbour_at_a_spacing(dimension: int) -> None:
+    """As strong in the plane as in space: what takes a compression of AT_SPACING k off, rho C / (D dt) G."""
+    x = np.array([[0.0, 0.0, 0.0], [D, 0.0, 0.0]])
+    more = {"gravity": (0.0, 0.0, 0.0), "dimension": dimension, **iterations(2, artificial_pressure=0.1)}
+    flow = Flow(Pbf, x, spacing=D, artificial_viscosity=0.0, viscosity=0.0, **more)
+    flow.run(1, DT)
+    slope = np.abs(flow.gradients(x)).max()
+    heavy, own = float(np.max(flow.method._particles.rest_density.to_numpy())), float(flow.rho()[0])
+    pushed = heavy * 0.1 * AT_SPACING / (DT * own * slope)
+    np.testing.assert_allclose(np.abs(flow.stored("velocity")[:, 0]), pushed, rtol=1e-3)
 
 
 def test_softness_leaves_compression() -> None:

@@ -25,8 +25,8 @@ fluid stiff of a sudden, and what was compressed flies apart. For the same reaso
 whole: of the last iteration so much is done as it says. A column whose number swings with it hops on, at
 0.15 sqrt(g H); with one that stays it comes to rest.
 
-`artificial_pressure` 0.1 pushes two particles apart like a compression of 0.1 at 0.2 h, of 0.001 at a
-spacing; from 0.2 on, a dam that breaks flies apart.
+`artificial_pressure` 0.1 pushes two particles apart like a compression of 0.001 at a spacing, in space of 0.1
+at 0.2 h; from 0.2 on, a dam that breaks flies apart.
 
 Limits: a column that starts unsettled hops for some seconds. What moves off its prediction by much of a
 spacing in a step is not seen by C before it is renewed. Steps of STEEP d / sqrt(g H) at most.
@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.math.smoothing import spline, spline_slopes
+from tianim.math.smoothing import spline, spline_slopes, spline_values
 from tianim.spatial.neighbor_lists import nearest_image
 from tianim.system import Bounds
 from tianim.systems.fluid.crew import MOST_TURNS, PIECE, Crew
@@ -76,6 +76,8 @@ UNBOUNDED = 1e30
 AIM = 0.7
 # Iterations of the first step: pressures are not known then, and what is not found at once is compressed.
 FIRST = 8
+# s_corr at a spacing; it goes with the 4th power of W, and in space is 1 at the paper's |dq| = 0.2 h.
+AT_SPACING = 0.00915
 # Fewer iterations, up to FEWER a step, where the errors are below this part of their limits.
 CALM = 0.5
 FEWER = 0.125
@@ -219,6 +221,8 @@ class Pbf:
         steep = float(abs(spline_slopes(particles.spacing / particles.h, particles.dimension)))
         slope = particles.volume * particles.scale * steep / particles.h
         self._pair = slope**2 / float(rho.max())
+        near = float(spline_values(particles.spacing / particles.h, particles.dimension))
+        self._spread = params.pbf.artificial_pressure * AT_SPACING / (near**4 * self._pair)
         self._allocate(particles.columns.capacity)
 
     def _allocate(self, capacity: int) -> None:
@@ -305,8 +309,7 @@ class Pbf:
         solve(
             particles.dimension, params.artificial_pressure > 0.0, first, last, self._planned - 2,
             self._part(), n, dt, particles.h, particles.volume * particles.scale, params.cfm,
-            params.artificial_pressure / self._pair,
-            LONE * self._pair, -UNBOUNDED if pairs.is_full else 0.0,
+            self._spread, LONE * self._pair, -UNBOUNDED if pairs.is_full else 0.0,
             AIM * params.density_error_p99, crew.tasks_for(n), crew.stride, self._plan, crew.array, crew.sums,
             self._inverse_rho, particles["phase"], pairs.begin, pairs.end,
             pairs.neighbour, pairs.gradient, pairs.length, walls.count, walls.support, walls.table,

@@ -14,8 +14,6 @@ from tianim.systems.fluid.wall_shares import wall_terms
 PREPARE, RELAX, PUSH, RENEW, FINISH = range(5)
 # The largest eigenvalue of D^-1 A is 2.8 on the lattice, 3.2 in a flow: beyond 0.6 the iterations diverge.
 RELAXATION = 0.5
-# s_corr is 1 at so many support radii (the paper's |dq| = 0.1 to 0.3 h), and falls with the 4th power of W.
-APART = 0.2
 
 
 @ti.func
@@ -41,7 +39,7 @@ def prepare(
             for c in ti.static(range(3)):
                 difference = nearest_image(x[c, i] - x[c, neighbour[k]], length[c])
                 r2 += difference * difference
-            w = spline(dimension, ti.sqrt(r2) / h) / spline(dimension, APART)
+            w = spline(dimension, ti.sqrt(r2) / h)
             apart += w * w * w * w * ti.Vector([gx, gy, gz])
     g = ti.Vector([wall[0, i], wall[1, i], wall[2, i]])
     own = inverse_rho[phase[0, i]]

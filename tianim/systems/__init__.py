@@ -9,6 +9,7 @@ from tianim.systems.boids.couzin import Couzin, CouzinParams
 from tianim.systems.boids.vicsek import Vicsek, VicsekParams
 from tianim.systems.fluid import Fluid, FluidParams
 from tianim.systems.gravity import Gravity, GravityParams
+from tianim.systems.springs import SpringsParams, SpringSystem
 
 
 class SystemKind(NamedTuple):
@@ -23,6 +24,7 @@ SYSTEMS: dict[str, SystemKind] = {
     "couzin": SystemKind(CouzinParams, Couzin),
     "fluid": SystemKind(FluidParams, Fluid),
     "gravity": SystemKind(GravityParams, Gravity),
+    "springs": SystemKind(SpringsParams, SpringSystem),
     "vicsek": SystemKind(VicsekParams, Vicsek),
 }
 

@@ -1,7 +1,7 @@
 """The passes of a pressure solve, on one particle each, and the kernels that run them (see pressure.py)."""
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.systems.fluid.crew import first_of, last_of, meet, pieces, take
+from tianim.spatial.crew import first_of, last_of, meet, pieces, take
 
 MOTION, DRIFT = 0, 1
 PREPARE, ACCELERATE, RELAX, FINISH = 0, 1, 2, 3

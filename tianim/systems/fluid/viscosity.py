@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
-from tianim.systems.fluid.crew import PIECE, Crew
+from tianim.spatial.crew import PIECE, Crew
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import CHANGE, Particles

@@ -13,7 +13,7 @@ import math
 from typing import Any
 
 from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti
-from tianim.systems.fluid.crew import MOST_TURNS, PIECE, first_of, last_of, meet, pieces, take
+from tianim.spatial.crew import MOST_TURNS, PIECE, first_of, last_of, meet, pieces, take
 from tianim.systems.fluid.viscous_pairs import difference, pair_weight, wall_rate
 
 # Rows of the work array: conjugate gradients (Chronopoulos & Gear), inverse blocks, walls.

@@ -1,0 +1,156 @@
+"""Many short steps: each takes the forces of now.
+
+    v' = v + h a(x, v),   x' = x + h [(1 - w) v + w v']        w 1, 0 or 1/2
+    velocity Verlet       v += h a / 2,  x += h v,  v += h a' / 2
+
+w = 1 is symplectic Euler, which on a spring keeps E - h omega^2 x v / 2 exactly; w = 0 forward Euler, whose
+energy grows by 1 + (h omega)^2 a step; w = 1/2 is what lectures call the trapezoid rule, and constant
+acceleration: exact for a thrown ball, and growing by 1 + (h omega)^2 / 2 on a spring. `rk4` is Runge and
+Kutta's of fourth order.
+
+A step is at most `safety` x (2 / omega) long, shorter with damping: omega^2 (h^2 + 2 tau h) = 4, tau the
+damping time. Beyond, the highest mode grows whatever the rule.
+
+Limits: a step's number of launches is fixed, so small pieces pay for launching: 0.1 ms a step.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.lang import f64_2d, ti
+from tianim.systems.springs.assembly import Assembly, accelerate
+from tianim.systems.springs.points import Points
+
+WEIGHTS = {
+    "symplectic_euler": 1.0,
+    "forward_euler": 0.0,
+    "trapezoid": 0.5,
+    "constant_acceleration": 0.5,
+}
+
+
+@ti.kernel
+def advance(n: ti.i32, h: ti.f64, w: ti.f64, a: f64_2d, x: f64_2d, v: f64_2d):
+    """v' = v + h a, x' = x + h ((1 - w) v + w v'); points that are held go with their velocity."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            dv = h * a[i, c]
+            x[i, c] += h * (v[i, c] + w * dv)
+            v[i, c] += dv
+
+
+@ti.kernel
+def kick(n: ti.i32, h: ti.f64, a: f64_2d, v: f64_2d):
+    """v += h a."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            v[i, c] += h * a[i, c]
+
+
+@ti.kernel
+def drift(n: ti.i32, h: ti.f64, v: f64_2d, x: f64_2d):
+    """x += h v."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            x[i, c] += h * v[i, c]
+
+
+@ti.kernel
+def add_stage(
+    n: ti.i32, part: ti.f64, ahead: ti.f64, first: ti.i32, v0: f64_2d, x0: f64_2d, a: f64_2d, x: f64_2d,
+    v: f64_2d, sum_v: f64_2d, sum_a: f64_2d,
+):  # fmt: skip
+    """Count the slopes v, a of a stage with weight `part`, and go to the next: x0 + ahead v, v0 + ahead a."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            u = v[i, c]
+            sum_v[i, c] = ti.select(first == 1, 0.0, sum_v[i, c]) + part * u
+            sum_a[i, c] = ti.select(first == 1, 0.0, sum_a[i, c]) + part * a[i, c]
+            x[i, c] = x0[i, c] + ahead * u
+            v[i, c] = v0[i, c] + ahead * a[i, c]
+
+
+@ti.kernel
+def copy(n: ti.i32, source: f64_2d, target: f64_2d):
+    """target = source."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            target[i, c] = source[i, c]
+
+
+class ExplicitSolver:
+    """The solver `explicit`.
+
+    longest  longest stable step [s]
+    """
+
+    name = "explicit"
+
+    def __init__(self, whole: Assembly, points: Points, integrator: str, safety: float) -> None:
+        self._points, self._integrator = points, integrator
+        self._whole = whole
+        self._a: Any = ti.ndarray(ti.f64, (points.capacity, 3))
+        self._a.fill(0.0)
+        rooms = 4 if integrator == "rk4" else 0
+        self._rooms: list[Any] = [ti.ndarray(ti.f64, (points.capacity, 3)) for _ in range(rooms)]
+        self.longest = safety * longest_step(whole)
+
+    def hold(self, held: Any) -> None:
+        """Nothing to prepare."""
+
+    def forget(self) -> None:
+        """Nothing is remembered."""
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Nothing is remembered."""
+        return {}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Nothing is remembered."""
+
+    def step(self, time: float, dt: float) -> None:
+        """Go on by dt [s]."""
+        points, n = self._points, self._points.count
+        if self._integrator == "rk4":
+            self._runge_kutta(dt)
+        elif self._integrator == "velocity_verlet":
+            self._accelerate()
+            kick(n, 0.5 * dt, self._a, points.v)
+            drift(n, dt, points.v, points.x)
+            self._accelerate()
+            kick(n, 0.5 * dt, self._a, points.v)
+        else:
+            self._accelerate()
+            advance(n, dt, WEIGHTS[self._integrator], self._a, points.x, points.v)
+
+    def _accelerate(self) -> None:
+        p = self._points
+        accelerate(
+            p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, self._a
+        )
+
+    def _runge_kutta(self, dt: float) -> None:
+        p, n = self._points, self._points.count
+        x0, v0, sum_v, sum_a = self._rooms
+        copy(n, p.x, x0)
+        copy(n, p.v, v0)
+        for k, (part, ahead) in enumerate(((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 1.0))):
+            self._accelerate()
+            add_stage(n, part, ahead * dt, int(k == 0), v0, x0, self._a, p.x, p.v, sum_v, sum_a)
+        copy(n, x0, p.x)
+        copy(n, v0, p.v)
+        drift(n, dt, sum_v, p.x)
+        kick(n, dt, sum_a, p.v)
+
+
+def longest_step(whole: Assembly) -> float:
+    """Longest stable step [s]; infinity without springs."""
+    if not len(whole.springs.ends):
+        return float("inf")
+    omega2 = float(whole.stiffest().max())
+    springs = whole.springs
+    tau = float((springs.damping / springs.stiffness).max())
+    return float(-tau + np.sqrt(tau**2 + 4.0 / omega2))

@@ -1,0 +1,324 @@
+"""Points and springs: what every piece is made into.
+
+    E = 1/2 sum_s k_s (|d_s| - l_s)^2 + 1/2 x^T Q x
+
+The first sum is over springs between two points, d their distance. The second is bending: with S the second
+differences of a flat sheet or a straight rope and W their weights, Q = S^T W S is the energy
+B/2 integral(curvature^2), exact for what bends without stretching (Bergou et al. 2006,
+doi:10.2312/SGP/SGP06/227-230). The rows of Q sum to zero, so that bending acts as springs too, of rest length
+0 and stiffness -Q_ij, some of them negative: one loop over neighbours does both.
+
+Limits: bending takes what is flat, or straight, as unbent.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+from numpy.typing import NDArray
+
+from tianim.errors import SceneError
+from tianim.math.rotations import from_euler, rotate
+from tianim.spatial.mesh_files import read_mesh
+from tianim.systems.springs.piece_params import Block, Fabric, MeshPiece, Network, Piece, Rope, Sheet
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+POISSON_FACTOR = 0.4  # k / (E h) of the lattice of a block
+
+
+@dataclass(frozen=True)
+class Springs:
+    """ends (s, 2), stiffness [N/m], rest_length [m], damping [N s/m], each (s,)."""
+
+    ends: Ints
+    stiffness: Floats
+    rest_length: Floats
+    damping: Floats
+
+
+@dataclass(frozen=True)
+class Built:
+    """A piece as points and springs.
+
+    position   (n, 3) [m]
+    velocity   (n, 3) [m/s]
+    mass       (n,) [kg]
+    bending    Q, sparse (n, n) [N/m], None where nothing resists bending
+    triangles  (m, 3) of its surface, empty where it is lines
+    groups     numbers of points by a name that pins may use: "left", "first" ...
+    data       per point, what frames show and never changes: "uv"
+    """
+
+    position: Floats
+    velocity: Floats
+    mass: Floats
+    springs: Springs
+    bending: Any = None
+    triangles: Ints = field(default_factory=lambda: np.zeros((0, 3), np.int32))
+    groups: Mapping[str, Ints] = field(default_factory=dict)
+    data: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+
+
+def build_piece(piece: Piece) -> Built:
+    """The points and springs of `piece`. SceneError where they cannot be made."""
+    return _BUILDERS[type(piece)](piece)
+
+
+def _lengths(x: Floats, ends: Ints) -> Floats:
+    return np.asarray(np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1))
+
+
+def _springs(x: Floats, ends: Ints, stiffness: Floats, damping: float) -> Springs:
+    """Springs at rest where they are, with dampers of `damping` x stiffness."""
+    return Springs(ends.astype(np.int32), stiffness, _lengths(x, ends), damping * stiffness)
+
+
+def _moving(piece: Piece, x: Floats, mass: Floats) -> Floats:
+    arm = x - mass @ x / mass.sum()
+    return np.asarray(np.cross(np.array(piece.spin), arm) + piece.velocity)
+
+
+def _energy(count: int, rows: list[tuple[Ints, Floats, Floats]]) -> Any:
+    """Q = S^T W S of `rows`: points (m, p), coefficients (m, p) and weights (m,) [N/m] of each difference."""
+    total: Any = scipy.sparse.csr_matrix((count, count))
+    for points, coefficients, weight in rows:
+        m, p = points.shape
+        at = (np.repeat(np.arange(m), p), points.ravel())
+        S = scipy.sparse.csr_matrix((np.broadcast_to(coefficients, (m, p)).ravel(), at), shape=(m, count))
+        total = total + S.T @ scipy.sparse.diags(weight) @ S
+    return total
+
+
+def _sheet(piece: Sheet) -> Built:
+    (nu, nv), (lu, lv) = piece.segments, piece.size
+    hu, hv = lu / nu, lv / nv
+    u, v = (np.array(axis) / np.linalg.norm(axis) for axis in (piece.u, piece.v))
+    grid = np.arange((nu + 1) * (nv + 1), dtype=np.int32).reshape(nu + 1, nv + 1)
+    s, t = np.meshgrid(np.linspace(0.0, 1.0, nu + 1), np.linspace(0.0, 1.0, nv + 1), indexing="ij")
+    x = np.array(piece.origin) + s.reshape(-1, 1) * lu * u + t.reshape(-1, 1) * lv * v
+    # Half a cell belongs to a line of points at the border.
+    share_u, share_v = np.ones(nu + 1), np.ones(nv + 1)
+    share_u[[0, -1]] = share_v[[0, -1]] = 0.5
+    mass = piece.density * hu * hv * np.outer(share_u, share_v).ravel()
+    along, across, diagonal = _sheet_stiffness(piece, hu, hv)
+    parts = [
+        (grid[:-1], grid[1:], np.broadcast_to(along * share_v, (nu, nv + 1))),
+        (grid[:, :-1], grid[:, 1:], np.broadcast_to(across * share_u[:, None], (nu + 1, nv))),
+    ]
+    if piece.diagonals and diagonal > 0.0:
+        parts.append((grid[:-1, :-1], grid[1:, 1:], np.full((nu, nv), diagonal)))
+        if piece.diagonals == 2:
+            parts.append((grid[1:, :-1], grid[:-1, 1:], np.full((nu, nv), diagonal)))
+    if piece.skip > 0.0:
+        parts += [
+            (grid[:-2], grid[2:], np.full((max(nu - 1, 0), nv + 1), piece.skip)),
+            (grid[:, :-2], grid[:, 2:], np.full((nu + 1, max(nv - 1, 0)), piece.skip)),
+        ]
+    ends = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b, _ in parts])
+    stiffness = np.concatenate([k.ravel() for _, _, k in parts])
+    bending = _sheet_bending(piece, grid, hu, hv, share_u, share_v) if piece.bend > 0.0 else None
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    triangles = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (a, d, c))])
+    groups = {
+        "left": grid[0], "right": grid[-1], "bottom": grid[:, 0], "top": grid[:, -1],
+        "left_bottom": grid[:1, 0], "right_bottom": grid[-1:, 0], "left_top": grid[:1, -1],
+        "right_top": grid[-1:, -1],
+    }  # fmt: skip
+    uv = np.stack([s.ravel(), t.ravel()], axis=1).astype(np.float32)
+    return Built(
+        x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending,
+        triangles.astype(np.int32), groups, {"uv": uv},
+    )  # fmt: skip
+
+
+def _sheet_stiffness(piece: Sheet, hu: float, hv: float) -> tuple[float, float, float]:
+    """Of one spring along u, along v and along a diagonal [N/m], for which the sheet has E and G.
+
+    The diagonals of a cell resist stretch too: with c = C11 = C22 and C12 = G, E = c - G^2 / c.
+    """
+    E, G = piece.stretch, piece.shear if piece.diagonals else 0.0
+    c = 0.5 * (E + np.hypot(E, 2.0 * G))
+    ratio = hu / hv
+    along, across = c - G * ratio**2, c - G / ratio**2
+    if min(along, across) <= 0.0:
+        raise SceneError(
+            f"cells of {hu:.3g} x {hv:.3g} m are too oblong for shear {G:g} N/m beside stretch {E:g} N/m: "
+            "choose segments that make them more square, or less shear"
+        )
+    diagonal = G * (hu**2 + hv**2) / (hu * hv) / max(piece.diagonals, 1)
+    return float(along / ratio), float(across * ratio), float(diagonal)
+
+
+def _sheet_bending(piece: Sheet, grid: Ints, hu: float, hv: float, share_u: Floats, share_v: Floats) -> Any:
+    """B/2 integral(x_uu^2 + 2 x_uv^2 + x_vv^2), by second differences."""
+    cell = piece.bend * hu * hv
+    second, twist = np.array([1.0, -2.0, 1.0]), np.array([1.0, -1.0, -1.0, 1.0])
+    lines_u = np.stack([grid[:-2], grid[1:-1], grid[2:]], axis=-1).reshape(-1, 3)
+    lines_v = np.stack([grid[:, :-2], grid[:, 1:-1], grid[:, 2:]], axis=-1).reshape(-1, 3)
+    cells = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]], axis=-1).reshape(-1, 4)
+    weight_u = np.broadcast_to(cell / hu**4 * share_v, grid[1:-1].shape).ravel()
+    weight_v = np.broadcast_to(cell / hv**4 * share_u[:, None], grid[:, 1:-1].shape).ravel()
+    weight_uv = np.full(len(cells), 2.0 * cell / (hu * hv) ** 2)
+    return _energy(
+        grid.size, [(lines_u, second, weight_u), (lines_v, second, weight_v), (cells, twist, weight_uv)]
+    )
+
+
+def _mesh(piece: MeshPiece) -> Built:
+    data = read_mesh(piece.file)
+    x = piece.scale * rotate(from_euler(piece.rotation), data.vertices) + piece.position
+    triangles = data.triangles
+    corners = x[triangles]
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    mass = np.bincount(triangles.ravel(), np.repeat(area, 3), len(x)) * piece.density / 3.0
+    if not mass.all():
+        raise SceneError(f"{piece.file}: point {int((mass == 0.0).argmax())} belongs to no triangle")
+    sides = triangles[:, [[1, 2], [2, 0], [0, 1]]]  # opposite to corner 0, 1, 2
+    ends, edge = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edge = edge.reshape(-1)
+    wide = np.bincount(edge, np.repeat(area, 3), len(ends))
+    stiffness = piece.stretch * wide / _lengths(x, ends) ** 2
+    bending = _mesh_bending(piece, x, triangles, area, edge, len(ends)) if piece.bend > 0.0 else None
+    border = np.unique(ends[np.bincount(edge, minlength=len(ends)) == 1])
+    return Built(
+        x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending, triangles,
+        {"border": border.astype(np.int32)},
+    )  # fmt: skip
+
+
+def _mesh_bending(piece: Fabric, x: Floats, triangles: Ints, area: Floats, edge: Ints, edges: int) -> Any:
+    """B/2 integral(Laplacian^2) over pairs of triangles that share an edge, each 3 / (their area)."""
+    corner = x[triangles]
+    order = np.argsort(edge, kind="stable")
+    first = np.flatnonzero(np.diff(edge[order], prepend=-1))
+    inner = first[np.diff(np.append(first, len(order))) == 2]
+    one, two = order[inner], order[inner + 1]  # 3 t + number of the corner opposite to the edge
+
+    def cotangents(k: Ints) -> tuple[Floats, Floats]:
+        """At the two ends of the edge, in the triangle's own order."""
+        t, c = k // 3, k % 3
+        p, a, b = corner[t, c], corner[t, (c + 1) % 3], corner[t, (c + 2) % 3]
+        twice = 2.0 * area[t]
+        at_a = np.einsum("ij,ij->i", b - a, p - a) / twice
+        at_b = np.einsum("ij,ij->i", a - b, p - b) / twice
+        return at_a, at_b
+
+    tri1, tri2 = one // 3, two // 3
+    a = triangles[tri1, (one % 3 + 1) % 3]
+    b = triangles[tri1, (one % 3 + 2) % 3]
+    cot_a1, cot_b1 = cotangents(one)
+    cot2 = cotangents(two)
+    same = triangles[tri2, (two % 3 + 1) % 3] == a
+    cot_a2, cot_b2 = np.where(same, cot2, cot2[::-1])
+    points = np.stack([a, b, triangles[tri1, one % 3], triangles[tri2, two % 3]], axis=1)
+    coefficients = np.stack([cot_b1 + cot_b2, cot_a1 + cot_a2, -cot_a1 - cot_b1, -cot_a2 - cot_b2], axis=1)
+    weight = 3.0 * piece.bend / (area[tri1] + area[tri2])
+    return _energy(len(x), [(points, coefficients, weight)])
+
+
+def _rope(piece: Rope) -> Built:
+    corners = np.array(piece.points)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], piece.segments + 1)
+    x = np.stack([np.interp(at, along, axis) for axis in corners.T], axis=1)
+    line = np.arange(piece.segments + 1, dtype=np.int32)
+    rest = (piece.length or piece.course) / piece.segments
+    mass = np.full(len(x), piece.density * rest)
+    mass[[0, -1]] *= 0.5
+    stiffness = np.full(piece.segments, piece.stretch / rest)
+    ends = np.stack([line[:-1], line[1:]], axis=1)
+    springs = Springs(ends, stiffness, np.full(piece.segments, rest), piece.damping * stiffness)
+    bending = None
+    if piece.bend > 0.0 and piece.segments > 1:
+        triples = np.stack([line[:-2], line[1:-1], line[2:]], axis=1)
+        weight = np.full(len(triples), piece.bend / rest**3)
+        bending = _energy(len(x), [(triples, np.array([1.0, -2.0, 1.0]), weight)])
+    groups = {"first": line[:1], "last": line[-1:], "ends": line[[0, -1]]}
+    return Built(x, _moving(piece, x, mass), mass, springs, bending, groups=groups)
+
+
+def _block(piece: Block) -> Built:
+    cells = piece.cells()
+    h = np.array(piece.size) / cells
+    shape = tuple(count + 1 for count in cells)
+    grid = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+    place = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
+    x = rotate(from_euler(piece.rotation), (place - 0.5 * np.array(cells)) * h) + piece.position
+    corner = {c: grid[tuple(slice(k, k + n) for k, n in zip(c, cells, strict=True))] for c in _CORNERS}
+    pairs = [
+        (a, b) for a, b in product(_CORNERS, _CORNERS) if a < b and sum(p != q for p, q in zip(a, b, strict=True)) < 3
+    ]
+    ends = np.concatenate([np.stack([corner[a].ravel(), corner[b].ravel()], axis=1) for a, b in pairs])
+    volume = float(np.prod(h))
+    length = _lengths(x, ends)
+    axes = np.concatenate(
+        [np.full(corner[a].size, sum(p != q for p, q in zip(a, b, strict=True))) for a, b in pairs]
+    )
+    # An edge belongs to four cells, a face diagonal to two.
+    stiffness = POISSON_FACTOR * piece.stiffness * volume / length**2 * np.where(axes == 1, 0.25, 1.0)
+    ends, which = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
+    stiffness = np.bincount(which.reshape(-1), stiffness, len(ends))
+    mass = np.zeros(len(x))
+    for c in _CORNERS:
+        mass += np.bincount(corner[c].ravel(), minlength=len(x)) * piece.density * volume / 8.0
+    return Built(
+        x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping),
+        triangles=_skin(grid), groups=_faces(grid),
+    )  # fmt: skip
+
+
+_CORNERS = tuple(product((0, 1), repeat=3))
+
+
+def _faces(grid: Ints) -> dict[str, Ints]:
+    """Points of each side of a block, by name."""
+    names = (("left", "right"), ("bottom", "top"), ("back", "front"))
+    return {
+        name: np.take(grid, end, axis).ravel()
+        for axis, pair in enumerate(names)
+        for name, end in zip(pair, (0, -1), strict=True)
+    }
+
+
+def _skin(grid: Ints) -> Ints:
+    """Triangles of the six sides of a block, seen from outside."""
+    found = []
+    for axis in range(3):
+        for end in (0, -1):
+            side = np.take(grid, end, axis)
+            a, b, c, d = side[:-1, :-1], side[1:, :-1], side[1:, 1:], side[:-1, 1:]
+            out = (end == -1) == (axis != 1)
+            for t in ((a, b, c), (a, c, d)) if out else ((a, c, b), (a, d, c)):
+                found.append(np.stack(t, axis=-1).reshape(-1, 3))
+    return np.concatenate(found).astype(np.int32)
+
+
+def _network(piece: Network) -> Built:
+    x = np.array(piece.points, np.float64)
+    mass = np.broadcast_to(np.array(piece.mass, np.float64), len(x)).copy()
+    ends = np.array([spring.between for spring in piece.springs], np.int32).reshape(-1, 2)
+    rest = _lengths(x, ends)
+    given = [spring.rest_length for spring in piece.springs]
+    rest = np.array([r if g is None else g for r, g in zip(rest, given, strict=True)], np.float64)
+    stiffness = np.array([spring.stiffness for spring in piece.springs], np.float64)
+    damping = np.array([spring.damping for spring in piece.springs], np.float64)
+    velocity = _moving(piece, x, mass)
+    if piece.velocities:
+        velocity = velocity + np.array(piece.velocities)
+    return Built(x, velocity, mass, Springs(ends, stiffness, rest, damping))
+
+
+_BUILDERS: dict[type[Piece], Callable[[Any], Built]] = {
+    Sheet: _sheet,
+    MeshPiece: _mesh,
+    Rope: _rope,
+    Block: _block,
+    Network: _network,
+}

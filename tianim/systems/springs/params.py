@@ -1,0 +1,233 @@
+"""Parameters of springs: pieces, what holds and pushes them, air, contact, solver.
+
+Everything is in SI. Stiffnesses are those of a material (`piece_params.py`), so that the same scene at
+another resolution behaves the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+from typing_extensions import Self
+
+from tianim.params import Animated, Fraction, Name, NonNegative, Params, Positive, Vector3
+from tianim.system import Bounds, SystemParams
+from tianim.systems.springs.piece_params import Index, PieceParams
+
+MOST_NAMES = 1000
+MOST_POINTS = 1 << 24
+# Longest step of the implicit solver [s]: two in a frame of 60 a second.
+LONGEST_IMPLICIT = 1.0 / 120.0
+# Where explicit steps may be as long as this [s], they cost less than the implicit solver.
+EXPLICIT_FROM = 1e-3
+# Bytes of a point, of a spring (both ways), and of the factor of a point.
+BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR = 260, 60, 700
+SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4}
+SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6}
+
+Integrator = Literal[
+    "symplectic_euler", "velocity_verlet", "rk4", "forward_euler", "trapezoid", "constant_acceleration"
+]
+
+
+class Pick(Params):
+    """Some points of a piece: by a name, by their numbers, or all that start in a box."""
+
+    piece: Name = Field(description="piece that they belong to", examples=["cloth"])
+    points: Annotated[str, Field(max_length=32)] | tuple[Index, ...] | None = Field(
+        None,
+        description="left, right, bottom, top and corners as left_top (sheets), left to front (blocks), border "
+        "(meshes), first, last, ends (ropes), all; or numbers of points",
+        examples=["left"],
+    )
+    lower: Vector3 | None = Field(None, description="corner of a box instead [m]")
+    upper: Vector3 | None = Field(None, description="its opposite corner [m]")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        box = self.lower is not None and self.upper is not None
+        if (self.lower is None) != (self.upper is None) or box == (self.points is not None):
+            raise ValueError("give either points or a box, lower and upper")
+        return self
+
+
+class Pin(Pick):
+    """Points that are held: where they start, along a path, or on a body."""
+
+    body: Name | None = Field(None, description="body that they move with; left out: they stay")
+    offset: Animated[Vector3] = Field((0.0, 0.0, 0.0), description="moves them from there [m]")
+    start: NonNegative = Field(0.0, description="held from then on [s]: where they are at that time")
+    end: Positive | None = Field(None, description="let go at that time [s]")
+
+    def holds(self, time: float) -> bool:
+        """Whether it holds at `time` [s]."""
+        return self.start <= time and (self.end is None or time < self.end)
+
+    @model_validator(mode="after")
+    def _ends_after_start(self) -> Self:
+        if self.end is not None and self.end <= self.start:
+            raise ValueError(f"end {self.end:g} s: must be after start, {self.start:g} s")
+        return self
+
+
+class Push(Pick):
+    """A force on points, as long as the channel says."""
+
+    force: Animated[Vector3] = Field((0.0, 0.0, 0.0), description="on each of the points [N]")
+
+
+class Stitch(Params):
+    """Points of two pieces joined one to one, by springs of no length."""
+
+    first: Pick = Field(description="points of one piece", examples=[{"piece": "a", "points": "right"}])
+    second: Pick = Field(
+        description="as many points of another, in the same order", examples=[{"piece": "b", "points": "left"}]
+    )
+    stiffness: Positive = Field(1e4, description="of each joint [N/m]")
+    damping: NonNegative = Field(0.0, description="of each joint [N s/m]")
+
+
+class Air(Params):
+    """What the air does to sheets, triangle by triangle, and to all points.
+
+    A triangle of area A that meets the air at speed u is pushed by rho / 2 A (C_n |u_n| u_n + C_t |u| u_t).
+    """
+
+    density: NonNegative = Field(1.2, description="of the air [kg/m3]")
+    normal: NonNegative = Field(1.2, description="drag coefficient C_n across a sheet")
+    tangential: NonNegative = Field(0.02, description="drag coefficient C_t along it")
+    wind: Animated[Vector3] = Field((0.0, 0.0, 0.0), description="velocity of the air [m/s]")
+    gusts: Fraction = Field(
+        0.0, description="part of the wind's speed that whirls add: smooth noise that drifts with the wind"
+    )
+    gust_size: Positive = Field(0.5, description="size of the whirls [m]")
+    drag: NonNegative = Field(0.0, description="slows every point, in the open as in a sheet: a = -drag v [1/s]")
+
+
+class BodyContact(Params):
+    """How one body touches."""
+
+    friction: NonNegative = Field(0.3, description="Coulomb's coefficient")
+
+
+class Contact(Params):
+    """How bodies and bounds are touched."""
+
+    thickness: Positive = Field(0.002, description="distance that is kept from bodies [m]")
+    friction: NonNegative = Field(0.3, description="Coulomb's coefficient")
+    restitution: Fraction = Field(0.0, description="part of the speed that a bounce gives back; explicit only")
+    bodies: Mapping[Name, BodyContact] = Field(
+        {}, max_length=MOST_NAMES, description="bodies with a friction of their own, by name"
+    )
+
+
+class Explicit(Params):
+    """Of the solver `explicit`."""
+
+    integrator: Integrator = Field(
+        "symplectic_euler",
+        description="symplectic_euler and velocity_verlet keep the energy of springs; the lectures' "
+        "forward_euler, trapezoid and constant_acceleration do not; rk4 loses a little",
+    )
+    safety: Annotated[float, Field(gt=0, le=2)] = Field(
+        0.7, description="step as a part of the longest stable one"
+    )
+
+
+class Projective(Params):
+    """Of the solver `projective`."""
+
+    scheme: Literal["implicit_euler", "bdf2"] = Field(
+        "implicit_euler", description="implicit_euler calms motion; bdf2 keeps its snap"
+    )
+    iterations: Annotated[int, Field(ge=1, le=200)] = Field(5, description="of the global solve in a step")
+
+
+class TimeStep(Params):
+    """How long a step may be."""
+
+    largest: Positive | None = Field(
+        None, description="largest step [s]; left out: as long as is stable, and 1/120 s for `projective`"
+    )
+    most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        5000, description="steps that a frame may need; more stop the run and say why"
+    )
+
+
+class SpringsParams(SystemParams):
+    """Masses and springs: cloth, ropes, jelly, and what lectures draw."""
+
+    kind: Literal["springs"] = "springs"
+    pieces: Mapping[Name, PieceParams] = Field(
+        min_length=1, max_length=MOST_NAMES, description="what there is, by name",
+        examples=[{"cloth": {"kind": "sheet"}}],
+    )  # fmt: skip
+    pins: Mapping[Name, Pin] = Field({}, max_length=MOST_NAMES, description="points that are held, by name")
+    stitches: Mapping[Name, Stitch] = Field({}, max_length=MOST_NAMES, description="seams, by name")
+    pushes: Mapping[Name, Push] = Field({}, max_length=MOST_NAMES, description="forces on points, by name")
+    gravity: Animated[Vector3] = Field((0.0, -9.81, 0.0), description="acceleration of all points [m/s2]")
+    air: Air = Field(Air(), description="wind and drag")
+    contact: Contact = Field(Contact(), description="how bodies are touched")
+    solver: Literal["auto", "explicit", "projective"] = Field(
+        "auto",
+        description="explicit: many short steps; projective: few long ones with a factor computed once; auto: "
+        "explicit where its steps may be a millisecond long",
+    )
+    explicit: Explicit = Field(Explicit(), description="of the solver explicit")
+    projective: Projective = Field(Projective(), description="of the solver projective")
+    time_step: TimeStep = Field(TimeStep(), description="how long a step may be")
+
+    def particle_count(self) -> int:
+        """Points of all pieces."""
+        return sum(piece.point_count() for piece in self.pieces.values())
+
+    def spring_count(self) -> int:
+        """Springs of all pieces, estimated."""
+        return sum(piece.spring_count() for piece in self.pieces.values())
+
+    def memory_bytes(self) -> int:
+        """State, rows of neighbours, and the factor."""
+        factor = 0 if self.solver == "explicit" else BYTES_OF_FACTOR
+        count = self.particle_count()
+        return (BYTES_PER_POINT + factor) * count + BYTES_PER_SPRING * self.spring_count() + (1 << 20)
+
+    def seconds_per_step(self) -> float:
+        """From the benchmark's figures."""
+        solver = "explicit" if self.solver == "explicit" else "projective"
+        return SECONDS_PER_STEP[solver] + SECONDS_PER_POINT[solver] * self.particle_count()
+
+    def largest_step(self) -> float:
+        """Largest step [s] as far as it is known without the springs."""
+        return self.time_step.largest or LONGEST_IMPLICIT
+
+    def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
+        """Bodies that are named exist, bounds are not periodic; ValueError says which does not."""
+        if bounds.kind == "periodic":
+            raise ValueError("springs need bounds of kind open or contained, not periodic")
+        named = [(f"pins.{name}.body", pin.body) for name, pin in self.pins.items() if pin.body is not None]
+        named += [(f"contact.bodies.{name}", name) for name in self.contact.bodies]
+        for place, body in named:
+            if body not in body_names:
+                raise ValueError(f"{place}: no body {body!r}; there are {', '.join(body_names) or 'none'}")
+
+    @model_validator(mode="after")
+    def _pieces_exist(self) -> Self:
+        picks: dict[str, Pick] = {f"pins.{name}": pin for name, pin in self.pins.items()}
+        picks |= {f"pushes.{name}": push for name, push in self.pushes.items()}
+        for name, stitch in self.stitches.items():
+            picks |= {f"stitches.{name}.first": stitch.first, f"stitches.{name}.second": stitch.second}
+        for place, pick in picks.items():
+            if pick.piece not in self.pieces:
+                raise ValueError(
+                    f"{place}.piece: no piece {pick.piece!r} in pieces; there are {', '.join(self.pieces)}"
+                )
+            count = self.pieces[pick.piece].point_count()
+            if isinstance(pick.points, tuple) and pick.points and max(pick.points) >= count:
+                raise ValueError(
+                    f"{place}.points: no point {max(pick.points)}; {pick.piece} has 0 to {count - 1}"
+                )
+        if self.particle_count() > MOST_POINTS:
+            raise ValueError(f"pieces: {self.particle_count():,} points; at most {MOST_POINTS:,}")
+        return self

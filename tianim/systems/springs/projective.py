@@ -1,0 +1,238 @@
+"""Few long steps: projective dynamics, a quasi-Newton method whose matrix is factored once.
+
+    minimise  1/2 (x - y)^T M (x - y) / b^2 + E(x),     x += A^-1 r,   r = M (y - x) / b^2 + f(x)
+    A = M / b^2 + sum_s (k_s + c_s / b) G_s^T G_s + Q
+
+A takes every spring as stiff in all directions: above the true Hessian, so that a step never goes too far,
+and the same for x, y and z and for the whole run (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz et al.
+2014, doi:10.1145/2601097.2601116). In this form, with the true forces f in r, what it converges to does not
+depend on A, and float32 is enough for the solve.
+
+    implicit Euler   y = x_n + h v_n + h^2 g,                                          b = h
+    BDF2             y = X + b V + b^2 g,  X = (4 x_n - x_n-1) / 3, V likewise of v,   b = 2 h / 3
+
+and v = (x - X) / b. Implicit Euler calms waves that are short for its step; BDF2 does far less. It needs two
+steps of one length: after another length, a pin that came or went, or a contact, one is implicit Euler.
+
+**All iterations of a step are one launch**: in each, the workers take pieces of the points for r, then solve
+their branches of the factor (`factor.py`), meeting four times.
+
+Limits: springs that are turned far within a step take more iterations than five; hair and ropes of many points,
+stiff and light, are the worst case.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
+from tianim.spatial.crew import Crew, first_of, last_of, meet, pieces, take
+from tianim.systems.springs.assembly import Assembly, implicit_matrix
+from tianim.systems.springs.factor import Factor, backward_row, factorise, forward_row
+from tianim.systems.springs.points import Points
+
+# The passes of an iteration.
+RESIDUAL, FORWARD, TOP, BACKWARD, PASSES = 0, 1, 2, 3, 4
+# Steps are of one length that differ by less than this part of it; the factor is made for one rounded so.
+SAME, DIGITS = 1e-9, 9
+
+
+@ti.kernel
+def predict(
+    n: ti.i32, dt: ti.f64, b: ti.f64, two: ti.i32, inverse_mass: f64_1d, external: f64_2d, x: f64_2d,
+    v: f64_2d, x_before: f64_2d, v_before: f64_2d, base: f64_2d, y: f64_2d,
+):  # fmt: skip
+    """Base X, inertial place y, and x = y as the first guess; `two` steps are remembered or one.
+
+    Points that are held go with their velocity.
+    """
+    for i in range(n):
+        for c in ti.static(range(3)):
+            X, V = x[i, c], v[i, c]
+            if two == 1:
+                X = (4.0 * x[i, c] - x_before[i, c]) / 3.0
+                V = (4.0 * v[i, c] - v_before[i, c]) / 3.0
+            x_before[i, c] = x[i, c]
+            v_before[i, c] = v[i, c]
+            y[i, c] = X + b * V + b * b * external[i, c]
+            if inverse_mass[i] == 0.0:
+                y[i, c] = x[i, c] + dt * v[i, c]
+                X = y[i, c] - b * v[i, c]
+            base[i, c] = X
+            x[i, c] = y[i, c]
+
+
+@ti.kernel
+def finish(n: ti.i32, b: ti.f64, inverse_mass: f64_1d, base: f64_2d, x: f64_2d, v: f64_2d):
+    """v = (x - X) / b."""
+    for i in range(n):
+        if inverse_mass[i] > 0.0:
+            for c in ti.static(range(3)):
+                v[i, c] = (x[i, c] - base[i, c]) / b
+
+
+@ti.func
+def residual_at(
+    damped: ti.template(), b, start: ti.template(), neighbour: ti.template(), row: ti.template(),
+    inverse_mass: ti.template(), base: ti.template(), y: ti.template(), x: ti.template(), i,
+):  # fmt: skip
+    """r_i [N]; 0 where i is held."""
+    r = ti.Vector([0.0, 0.0, 0.0])
+    if inverse_mass[i] > 0.0:
+        f = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+        for e in range(start[i], start[i + 1]):
+            j = neighbour[e]
+            dx = ti.cast(x[j, 0] - x[i, 0], ti.f32)
+            dy = ti.cast(x[j, 1] - x[i, 1], ti.f32)
+            dz = ti.cast(x[j, 2] - x[i, 2], ti.f32)
+            inverse = 1.0 / ti.sqrt(ti.max(dx * dx + dy * dy + dz * dz, 1e-30))
+            s = row[e, 0] * (1.0 - row[e, 1] * inverse) + row[e, 3]
+            if ti.static(damped):
+                ux = dx - ti.cast(base[j, 0] - base[i, 0], ti.f32)
+                uy = dy - ti.cast(base[j, 1] - base[i, 1], ti.f32)
+                uz = dz - ti.cast(base[j, 2] - base[i, 2], ti.f32)
+                closing = (ux * dx + uy * dy + uz * dz) * inverse * inverse
+                s += row[e, 2] * closing / ti.cast(b, ti.f32)
+            f += ti.Vector([s * dx, s * dy, s * dz])
+        heavy = 1.0 / (inverse_mass[i] * b * b)
+        for c in ti.static(range(3)):
+            r[c] = ti.cast(f[c] + heavy * (y[i, c] - x[i, c]), ti.f32)
+    return r
+
+
+@ti.kernel
+def relax(
+    damped: ti.template(), tasks: ti.i32, stride: ti.i32, first_turn: ti.i32, last_turn: ti.i32, n: ti.i32, b: ti.f64, crew: i32_1d,
+    start: i32_1d, neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d,
+    place: i32_1d, point: i32_1d, row_start: i32_1d, column: i32_1d, row_value: f32_1d,
+    column_start: i32_1d, below: i32_1d, column_value: f32_1d, inverse: f32_1d,
+    bins: ti.i32, range_start: i32_1d, ranges: i32_2d, top_count: ti.i32, tops: i32_1d, z: f32_2d,
+):  # fmt: skip
+    """Iterations of x += A^-1 r, turn by turn."""
+    for block in range(tasks * stride):
+        if block % stride == 0:
+            task = block // stride
+            for turn in range(first_turn, last_turn):
+                work = turn % PASSES
+                if work == RESIDUAL:
+                    piece = take(crew, turn)
+                    while piece < pieces(n):
+                        for i in range(first_of(piece), last_of(piece, n)):
+                            r = residual_at(damped, b, start, neighbour, row, inverse_mass, base, y, x, i)
+                            k = place[i]
+                            z[k, 0], z[k, 1], z[k, 2] = r[0], r[1], r[2]
+                        piece = take(crew, turn)
+                elif work == FORWARD:
+                    own = task
+                    while own < bins:
+                        for k in range(range_start[own], range_start[own + 1]):
+                            for i in range(ranges[k, 0], ranges[k, 1]):
+                                forward_row(row_start, column, row_value, z, i)
+                        own += tasks
+                elif work == TOP:
+                    if task == 0:
+                        for k in range(top_count):
+                            forward_row(row_start, column, row_value, z, tops[k])
+                        for k in range(top_count):
+                            i = tops[top_count - 1 - k]
+                            backward_row(column_start, below, column_value, inverse, z, i)
+                            for c in ti.static(range(3)):
+                                # Not +=, which would be atomic.
+                                x[point[i], c] = x[point[i], c] + z[i, c]
+                else:
+                    own = task
+                    while own < bins:
+                        for k in range(range_start[own], range_start[own + 1]):
+                            for back in range(ranges[k, 1] - ranges[k, 0]):
+                                i = ranges[k, 1] - 1 - back
+                                backward_row(column_start, below, column_value, inverse, z, i)
+                                for c in ti.static(range(3)):
+                                    x[point[i], c] = x[point[i], c] + z[i, c]
+                        own += tasks
+                meet(crew, tasks)
+
+
+class ProjectiveSolver:
+    """The solver `projective`."""
+
+    name = "projective"
+    longest = float("inf")
+
+    def __init__(self, whole: Assembly, points: Points, scheme: str, iterations: int) -> None:
+        self._whole, self._points = whole, points
+        self._two_steps, self._iterations = scheme == "bdf2", iterations
+        self._damped = bool(whole.springs.damping.any())
+        room = (points.capacity, 3)
+        self._base, self._y, self._x_before, self._v_before = (ti.ndarray(ti.f64, room) for _ in range(4))
+        for array in (self._base, self._y, self._x_before, self._v_before):
+            array.fill(0.0)
+        self._z: Any = ti.ndarray(ti.f32, room)
+        self._crew = Crew(points.count)
+        self._held = np.zeros(whole.count, np.bool_)
+        self._factor: Factor | None = None
+        self._factored_for = 0.0
+        self._last_dt = 0.0
+
+    def hold(self, held: NDArray[np.bool_]) -> None:
+        """Other points are held: the matrix changes."""
+        if not np.array_equal(held, self._held):
+            self._held, self._factor, self._last_dt = held.copy(), None, 0.0
+
+    def step(self, time: float, dt: float) -> None:
+        """Go on by dt [s]."""
+        points, n = self._points, self._points.count
+        two = self._two_steps and abs(dt - self._last_dt) < SAME * dt
+        b = 2.0 * dt / 3.0 if two else dt
+        factor = self._factor_for(2.0 * dt / 3.0 if self._two_steps else dt)
+        predict(
+            n, dt, b, int(two), points.inverse_mass, points.external, points.x, points.v, self._x_before,
+            self._v_before, self._base, self._y,
+        )  # fmt: skip
+        self._crew.begin()
+        turns = PASSES * self._iterations
+        if self._crew.works:
+            self._relax(factor, b, 0, turns)
+        else:
+            for turn in range(turns):
+                self._relax(factor, b, turn, turn + 1)
+        finish(n, b, points.inverse_mass, self._base, points.x, points.v)
+        self._last_dt = dt
+
+    def _factor_for(self, b: float) -> Factor:
+        """The factor for this b: a smaller one than that of a step only slows convergence."""
+        b = float(f"{b:.{DIGITS}g}")  # a step of the same length may differ in its last bit
+        if self._factor is None or b != self._factored_for:
+            matrix = implicit_matrix(self._whole, self._held, b)
+            self._factor, self._factored_for = factorise(matrix, self._whole.position), b
+        return self._factor
+
+    def _relax(self, factor: Factor, b: float, first: int, last: int) -> None:
+        p, crew = self._points, self._crew
+        relax(
+            self._damped, crew.tasks_for(p.count), crew.stride, first, last, p.count, b, crew.array, p.start, p.neighbour,
+            p.row, p.inverse_mass, self._base, self._y, p.x, factor.place, factor.point, factor.row_start,
+            factor.row, factor.row_value, factor.column_start, factor.column, factor.column_value,
+            factor.inverse, factor.bins, factor.range_start, factor.ranges, factor.top_count, factor.tops,
+            self._z,
+        )  # fmt: skip
+
+    def forget(self) -> None:
+        """The step before no longer counts: places or velocities were set."""
+        self._last_dt = 0.0
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The step before, which BDF2 goes on from."""
+        if not self._two_steps:
+            return {}
+        p = self._points
+        before = {"x_before": p.read(self._x_before), "v_before": p.read(self._v_before)}
+        return {**before, "last_dt": np.array([self._last_dt])}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+        if self._two_steps:
+            self._points.write(self._x_before, np.asarray(state["x_before"], np.float64))
+            self._points.write(self._v_before, np.asarray(state["v_before"], np.float64))
+            self._last_dt = float(state["last_dt"][0])

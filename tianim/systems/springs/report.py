@@ -1,0 +1,76 @@
+"""What is measured of springs, in NumPy and float64: energies, momenta, strains. Kernels are held against it."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.params import SpringsParams
+
+Floats = NDArray[np.float64]
+
+
+class Report:
+    """Measures one system's points."""
+
+    def __init__(self, whole: Assembly, params: SpringsParams) -> None:
+        self._whole, self._params = whole, params
+        counts = [len(piece.springs.ends) for piece in whole.pieces.values()]
+        ends = np.cumsum([0, *counts])
+        self._spans = {
+            name: slice(int(a), int(b)) for name, a, b in zip(whole.pieces, ends, ends[1:], strict=False)
+        }
+
+    def span(self, piece: str) -> slice:
+        """Where the springs of a piece are."""
+        return self._spans[piece]
+
+    def strains(self, x: Floats) -> tuple[Floats, Floats]:
+        """Strain (length over rest length - 1; 0 where that is 0) and tension [N] of each spring."""
+        springs = self._whole.springs
+        a, b = springs.ends.T
+        length = np.linalg.norm(x[b] - x[a], axis=1)
+        rest = springs.rest_length
+        strain = np.divide(length, rest, out=np.ones_like(length), where=rest > 0.0) - 1.0
+        return strain, springs.stiffness * (length - rest)
+
+    def of_points(self, piece: str, strain: Floats, count: int) -> NDArray[np.float32]:
+        """The largest strain of the springs at each point of a piece, without its sign."""
+        ends = self._whole.pieces[piece].springs.ends
+        out = np.zeros(count)
+        for end in ends.T:
+            np.maximum.at(out, end, np.abs(strain))
+        return out.astype(np.float32)
+
+    def elastic(self, x: Floats) -> float:
+        """Energy of all springs and of bending [J]."""
+        strain_energy = 0.5 * self._whole.springs.stiffness @ (
+            np.linalg.norm(x[self._whole.springs.ends[:, 1]] - x[self._whole.springs.ends[:, 0]], axis=1)
+            - self._whole.springs.rest_length
+        ) ** 2
+        return float(strain_energy) + self.bending(x)
+
+    def bending(self, x: Floats) -> float:
+        """Energy of bending [J]."""
+        Q = self._whole.bending
+        return 0.0 if Q is None else float(0.5 * np.einsum("ij,ij->", x, Q @ x))
+
+    def measure(self, x: Floats, v: Floats, time: float) -> dict[str, float]:
+        """What a frame's metrics hold."""
+        mass = self._whole.mass
+        gravity = np.array(self._params.at(time).gravity)
+        momentum = mass @ v
+        centre = mass @ x / mass.sum()
+        spin = (mass[:, None] * np.cross(x - centre, v)).sum(axis=0)
+        found: dict[str, float] = {
+            "kinetic_energy": float(0.5 * mass @ np.einsum("ij,ij->i", v, v)),
+            "elastic_energy": self.elastic(x),
+            "potential_energy": float(-mass @ x @ gravity),
+        }
+        for axis, p, L in zip("xyz", momentum, spin, strict=True):
+            found[f"momentum_{axis}"], found[f"angular_momentum_{axis}"] = float(p), float(L)
+        strain: Any = np.abs(self.strains(x)[0])
+        found["strain_max"] = float(strain.max()) if len(strain) else 0.0
+        found["strain_mean"] = float(strain.mean()) if len(strain) else 0.0
+        return found

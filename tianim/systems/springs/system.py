@@ -1,0 +1,194 @@
+"""Springs: cloth, ropes, jelly and the teaching scenes of masses and springs.
+
+    m a = sum of springs + bending + gravity + air + what is pushed,    places held by pins
+
+What a piece is made into: `network.py`; the two ways to step: `explicit.py` and `projective.py`; what bodies
+do: `contact.py`.
+
+Limits: pieces pass through each other and through themselves.
+"""
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.errors import BlowupError, SceneError
+from tianim.frame import Lines, Mesh, Part
+from tianim.lang import ti
+from tianim.system import World
+from tianim.systems.springs.assembly import Assembly, assemble
+from tianim.systems.springs.explicit import ExplicitSolver
+from tianim.systems.springs.params import EXPLICIT_FROM, SpringsParams
+from tianim.systems.springs.pins import Pins
+from tianim.systems.springs.points import Points, push, set_external
+from tianim.systems.springs.projective import ProjectiveSolver
+from tianim.systems.springs.report import Report
+
+LOG = logging.getLogger("tianim")
+
+# Beyond this [m], or faster than this [m/s], nothing is meant.
+ESCAPE = 1e6
+UNITS = {"velocity": "m/s", "tension": "N", "strain": ""}
+
+
+class SpringSystem:
+    """The system `kind: springs`.
+
+    Arrays: position, velocity (n, 3) [m], [m/s], mass (n,) [kg].
+    """
+
+    def __init__(self, name: str, params: SpringsParams, world: World) -> None:
+        self.name, self.params, self.world = name, params, world
+        self.whole = assemble(params)
+        self.count = self.whole.count
+        self.points = Points(self.whole)
+        self.pins = Pins(params, self.whole, world.bodies)
+        self._pushes = [
+            (key, self.whole.chosen(f"pushes.{key}", push)) for key, push in params.pushes.items()
+        ]
+        self._pushed = [self._as_array(which) for _, which in self._pushes]
+        explicit = ExplicitSolver(
+            self.whole, self.points, params.explicit.integrator, params.explicit.safety
+        )
+        chosen = params.solver
+        if chosen == "auto":
+            chosen = "explicit" if explicit.longest >= EXPLICIT_FROM else "projective"
+            LOG.info("%s: solver %s (explicit steps would be %.3g s)", name, chosen, explicit.longest)
+        self.solver: ExplicitSolver | ProjectiveSolver = explicit
+        if chosen == "projective":
+            self.solver = ProjectiveSolver(
+                self.whole, self.points, params.projective.scheme, params.projective.iterations
+            )
+        self.report = Report(self.whole, params)
+        self._time = 0.0
+
+    @staticmethod
+    def _as_array(which: NDArray[np.int32]) -> Any:
+        array = ti.ndarray(ti.i32, len(which))
+        array.from_numpy(which)
+        return array
+
+    def max_step(self) -> float:
+        """Largest step [s]: what is stable, what is asked for, and to when a pin comes or goes."""
+        longest = min(self.solver.longest, self.params.largest_step())
+        return longest
+
+    def step(self, time: float, dt: float) -> None:
+        """Go on from `time` [s] by `dt` [s]."""
+        points = self.points
+        self._force(time)
+        if self.pins.update(time, dt, points):
+            self.solver.hold(self.pins.held)
+        self.solver.step(time, dt)
+        self.pins.settle(points)
+        self._time = time + dt
+
+    def _force(self, time: float) -> None:
+        """Gravity, drag, pushes."""
+        points, now = self.points, self.params.at(time)
+        set_external(self.count, *now.gravity, now.air.drag, points.v, points.external)
+        for (key, which), array in zip(self._pushes, self._pushed, strict=True):
+            force = now.pushes[key].force
+            if any(force):
+                push(len(which), *force, array, points.inverse_mass, points.external)
+
+    def snapshot(self) -> tuple[Part, ...]:
+        """Each piece: sheets, meshes and blocks as triangles, ropes and networks as lines."""
+        x = self.points.read(self.points.x)
+        v = self.points.read(self.points.v)
+        wants = self.world.wants
+        parts: list[Part] = []
+        strain, tension = self.report.strains(x) if wants("strain") or wants("tension") else (None, None)
+        for key, piece in self.whole.pieces.items():
+            first = self.whole.first[key]
+            own = slice(first, first + len(piece.mass))
+            name = self.name if len(self.whole.pieces) == 1 else f"{self.name}_{key}"
+            data: dict[str, NDArray[Any]] = {}
+            if wants("velocity"):
+                data["velocity"] = v[own].astype(np.float32)
+            if wants("id"):
+                data["id"] = np.arange(own.start, own.stop, dtype=np.int32)
+            data |= {field: values for field, values in piece.data.items() if wants(field)}
+            position = x[own].astype(np.float32)
+            springs = self.report.span(key)
+            if len(piece.triangles):
+                if strain is not None and wants("strain"):
+                    data["strain"] = self.report.of_points(key, strain[springs], len(piece.mass))
+                parts.append(Mesh(name, position, piece.triangles, data, units=_units(data)))
+                continue
+            cells = {}
+            if strain is not None and tension is not None:
+                cells = {"tension": tension[springs].astype(np.float32), "strain": strain[springs].astype(np.float32)}
+                cells = {field: values for field, values in cells.items() if wants(field)}
+            ends = piece.springs.ends
+            parts.append(Lines(name, position, ends, data, cells, _units({**data, **cells})))
+        return tuple(parts)
+
+    def diagnostics(self) -> dict[str, float]:
+        """Energies, momenta, strains."""
+        points = self.points
+        return self.report.measure(points.read(points.x), points.read(points.v), self._time)
+
+    def check(self) -> None:
+        """BlowupError for the first point that is not finite or beyond ESCAPE."""
+        x, v = self.points.read(self.points.x), self.points.read(self.points.v)
+        finite = np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1)
+        if not finite.all():
+            raise BlowupError(self.name, int(np.argmin(finite)), "position or velocity is not finite")
+        near = (np.abs(x) < ESCAPE).all(axis=1) & (np.abs(v) < ESCAPE).all(axis=1)
+        if not near.all():
+            raise BlowupError(
+                self.name, int(np.argmin(near)), f"farther than {ESCAPE:g} m from the origin, or faster"
+            )
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Places, velocities, and what solver and pins remember."""
+        points = self.points
+        own = {"position": points.read(points.x), "velocity": points.read(points.v)}
+        own["time"] = np.array([self._time])
+        return own | self.solver.state() | self.pins.state()
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+        points = self.points
+        points.write(points.x, np.asarray(state["position"], np.float64))
+        points.write(points.v, np.asarray(state["velocity"], np.float64))
+        self._time = float(state["time"][0])
+        self.pins.restore(state, points)
+        self.solver.hold(self.pins.held)
+        self.solver.restore(state)
+
+    def arrays(self) -> tuple[str, ...]:
+        """position and velocity can be set, mass can only be read."""
+        return ("position", "velocity", "mass")
+
+    def read(self, name: str) -> NDArray[Any]:
+        """An array, (n, 3) or (n,)."""
+        self._known(name)
+        if name == "mass":
+            return np.array(self.whole.mass)
+        return self.points.read(self.points.x if name == "position" else self.points.v)
+
+    def write(self, name: str, values: NDArray[Any]) -> None:
+        """Set position or velocity; SceneError for what cannot be set."""
+        if self._known(name) == "mass":
+            raise SceneError(f"{self.name}.mass: cannot be set; position and velocity can")
+        given = np.asarray(values, np.float64)
+        if given.shape != (self.count, 3):
+            raise SceneError(f"{self.name}.{name}: has shape {given.shape}, must be {(self.count, 3)}")
+        array = self.points.x if name == "position" else self.points.v
+        if not np.array_equal(given, self.points.read(array)):
+            self.points.write(array, given)
+            self.solver.forget()
+
+    def _known(self, name: str) -> str:
+        if name not in self.arrays():
+            raise SceneError(f"{self.name}: no array {name!r}; there are {', '.join(self.arrays())}")
+        return name
+
+
+def _units(data: Mapping[str, Any]) -> dict[str, str]:
+    return {name: UNITS[name] for name in data if UNITS.get(name)}

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from tianim.frame import Float, Lines, Mesh
 from tianim.lang import f32_1d, f32_2d, ti
-from tianim.math.quaternion import rotate, rotate_back
+from tianim.math.quaternion import from_axis_angle, rotate, rotate_back
 from tianim.math.rotations import angular_velocity, from_euler
 from tianim.math.rotations import rotate as rotate_array
 from tianim.spatial.body_params import (
@@ -46,6 +46,7 @@ __all__ = [
     "Plane",
     "Sphere",
     "TriangleMesh",
+    "distance_ahead",
     "signed_distance",
     "surface_velocity",
 ]
@@ -185,6 +186,20 @@ def signed_distance(table: ti.template(), samples: ti.template(), b, x):
         hit = _mesh(table, samples, b, p)
     n = rotate(rotation, hit.xyz)
     return table[b, SIGN] * ti.Vector([n.x, n.y, n.z, hit.w])
+
+
+@ti.func
+def distance_ahead(table: ti.template(), samples: ti.template(), b, x, ahead):
+    """As `signed_distance`, `ahead` seconds after the pose of the table, moved as a rigid body."""
+    origin, spin = _triple(table, b, POSITION), _triple(table, b, SPIN)
+    turn = ti.Vector([0.0, 0.0, 0.0, 1.0])
+    rate = spin.norm()
+    if rate > 0.0:
+        turn = from_axis_angle(spin / rate, rate * ahead)
+    arm = rotate_back(turn, x - origin - ahead * _triple(table, b, VELOCITY))
+    hit = signed_distance(table, samples, b, origin + arm)
+    n = rotate(turn, hit.xyz)
+    return ti.Vector([n.x, n.y, n.z, hit.w])
 
 
 @ti.func

@@ -10,8 +10,15 @@ What the particle loses the wall gets, as an impulse at the place of contact.
 """
 
 from tianim.lang import f32_1d, f32_2d, f64_2d, i32_1d, i32_2d, ti
-from tianim.math.quaternion import from_axis_angle, rotate, rotate_back
-from tianim.spatial.bodies import POSITION, RATE, SPIN, VELOCITY, signed_distance, surface_velocity
+from tianim.spatial.bodies import (
+    POSITION,
+    RATE,
+    SPIN,
+    VELOCITY,
+    distance_ahead,
+    signed_distance,
+    surface_velocity,
+)
 from tianim.systems.fluid.wall_shares import COULOMB, FLAT, flat
 
 # Sweeps over all walls: a corner of three needs three, edges of grids some more.
@@ -31,15 +38,7 @@ def _triple(table: ti.template(), b, column: ti.template()):
 @ti.func
 def seen_ahead(table: ti.template(), samples: ti.template(), b, x, ahead):
     """Normal and distance of wall `b` from `x`, `ahead` seconds after its pose, moved as a rigid body."""
-    origin, spin = _triple(table, b, POSITION), _triple(table, b, SPIN)
-    turn = ti.Vector([0.0, 0.0, 0.0, 1.0])
-    rate = spin.norm()
-    if rate > 0.0:
-        turn = from_axis_angle(spin / rate, rate * ahead)
-    arm = rotate_back(turn, x - origin - ahead * _triple(table, b, VELOCITY))
-    hit = signed_distance(table, samples, b, origin + arm)
-    n = rotate(turn, hit.xyz)
-    return flat(table, b, ti.Vector([n.x, n.y, n.z, hit.w]))
+    return flat(table, b, distance_ahead(table, samples, b, x, ahead))
 
 
 @ti.func

@@ -65,13 +65,17 @@ class Assembly:
         if pick.lower is not None and pick.upper is not None:
             inside = ((piece.position >= pick.lower) & (piece.position <= pick.upper)).all(axis=1)
             if not inside.any():
-                raise SceneError(f"{place}: no point of {pick.piece} starts in the box {pick.lower} to {pick.upper}")
+                raise SceneError(
+                    f"{place}: no point of {pick.piece} starts in the box {pick.lower} to {pick.upper}"
+                )
             return (first + np.flatnonzero(inside)).astype(np.int32)
         if isinstance(pick.points, tuple):
             return (first + np.array(pick.points, np.int32)).astype(np.int32)
         groups = {**piece.groups, "all": np.arange(count, dtype=np.int32)}
         if pick.points not in groups:
-            raise SceneError(f"{place}.points: {pick.piece} has no {pick.points!r}; it has {', '.join(groups)}")
+            raise SceneError(
+                f"{place}.points: {pick.piece} has no {pick.points!r}; it has {', '.join(groups)}"
+            )
         return (first + groups[str(pick.points)]).astype(np.int32)
 
     def stiffest(self) -> Floats:
@@ -125,9 +129,7 @@ def assemble(params: SpringsParams) -> Assembly:
             for name in ("stiffness", "rest_length", "damping")
         ),
     )  # fmt: skip
-    whole = Assembly(
-        first, pieces, joined("position"), joined("velocity"), joined("mass"), springs, bending
-    )
+    whole = Assembly(first, pieces, joined("position"), joined("velocity"), joined("mass"), springs, bending)
     return _stitched(whole, params) if params.stitches else whole
 
 
@@ -146,7 +148,9 @@ def _stitched(whole: Assembly, params: SpringsParams) -> Assembly:
         stiffness.append(np.full(len(a), stitch.stiffness))
         damping.append(np.full(len(a), stitch.damping))
         rest.append(np.zeros(len(a)))
-    joined = Springs(*(np.concatenate(parts) for parts in (ends, stiffness, rest, damping)))
+    joined = Springs(
+        np.concatenate(ends), np.concatenate(stiffness), np.concatenate(rest), np.concatenate(damping)
+    )
     return Assembly(
         whole.first, whole.pieces, whole.position, whole.velocity, whole.mass, joined, whole.bending
     )
@@ -157,9 +161,7 @@ def rows_of(whole: Assembly) -> tuple[Ints, Ints, NDArray[np.float32]]:
     n, springs = whole.count, whole.springs
     a, b = springs.ends.T.astype(np.int64)
     i, j = np.concatenate([a, b]), np.concatenate([b, a])
-    values = np.stack(
-        [springs.stiffness, springs.rest_length, springs.damping, np.zeros(len(a))], axis=1
-    )
+    values = np.stack([springs.stiffness, springs.rest_length, springs.damping, np.zeros(len(a))], axis=1)
     values = np.concatenate([values, values])
     code = i * n + j
     order = np.argsort(code, kind="stable")

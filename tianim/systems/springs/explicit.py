@@ -22,8 +22,11 @@ from numpy.typing import NDArray
 
 from tianim.lang import f64_2d, ti
 from tianim.systems.springs.assembly import Assembly, accelerate
+from tianim.systems.springs.contact import Walls, bounce
 from tianim.systems.springs.points import Points
 
+# Approaches slower than gravity makes in so many steps are rests.
+RESTING = 4.0
 WEIGHTS = {
     "symplectic_euler": 1.0,
     "forward_euler": 0.0,
@@ -34,7 +37,7 @@ WEIGHTS = {
 
 @ti.kernel
 def advance(n: ti.i32, h: ti.f64, w: ti.f64, a: f64_2d, x: f64_2d, v: f64_2d):
-    """v' = v + h a, x' = x + h ((1 - w) v + w v'); points that are held go with their velocity."""
+    """Add h a to v, and h times the mean of v before (1 - w) and after (w) to x."""
     for i in range(n):
         for c in ti.static(range(3)):
             dv = h * a[i, c]
@@ -44,7 +47,7 @@ def advance(n: ti.i32, h: ti.f64, w: ti.f64, a: f64_2d, x: f64_2d, v: f64_2d):
 
 @ti.kernel
 def kick(n: ti.i32, h: ti.f64, a: f64_2d, v: f64_2d):
-    """v += h a."""
+    """Add h a to v."""
     for i in range(n):
         for c in ti.static(range(3)):
             v[i, c] += h * a[i, c]
@@ -52,7 +55,7 @@ def kick(n: ti.i32, h: ti.f64, a: f64_2d, v: f64_2d):
 
 @ti.kernel
 def drift(n: ti.i32, h: ti.f64, v: f64_2d, x: f64_2d):
-    """x += h v."""
+    """Add h v to x."""
     for i in range(n):
         for c in ti.static(range(3)):
             x[i, c] += h * v[i, c]
@@ -75,7 +78,7 @@ def add_stage(
 
 @ti.kernel
 def copy(n: ti.i32, source: f64_2d, target: f64_2d):
-    """target = source."""
+    """Copy source into target."""
     for i in range(n):
         for c in ti.static(range(3)):
             target[i, c] = source[i, c]
@@ -89,9 +92,9 @@ class ExplicitSolver:
 
     name = "explicit"
 
-    def __init__(self, whole: Assembly, points: Points, integrator: str, safety: float) -> None:
-        self._points, self._integrator = points, integrator
-        self._whole = whole
+    def __init__(self, whole: Assembly, points: Points, walls: Walls, integrator: str, safety: float) -> None:
+        self._points, self._walls, self._integrator = points, walls, integrator
+        self._start: Any = ti.ndarray(ti.f64, (points.capacity if walls.any else 1, 3))
         self._a: Any = ti.ndarray(ti.f64, (points.capacity, 3))
         self._a.fill(0.0)
         rooms = 4 if integrator == "rk4" else 0
@@ -114,6 +117,23 @@ class ExplicitSolver:
     def step(self, time: float, dt: float) -> None:
         """Go on by dt [s]."""
         points, n = self._points, self._points.count
+        if self._walls.any:
+            copy(n, points.x, self._start)
+        self._move(dt)
+        if self._walls.any:
+            self._bounce(dt)
+
+    def _bounce(self, dt: float) -> None:
+        p, walls = self._points, self._walls
+        bounce(
+            p.count, dt, walls.thickness, walls.restitution, RESTING * p.weight * dt, walls.bodies.table,
+            walls.bodies.samples, walls.count, walls.bounds, walls.friction, p.inverse_mass, self._start,
+            p.x, p.v,
+        )  # fmt: skip
+
+    def _move(self, dt: float) -> None:
+        """One step of the integrator."""
+        points, n = self._points, self._points.count
         if self._integrator == "rk4":
             self._runge_kutta(dt)
         elif self._integrator == "velocity_verlet":
@@ -128,9 +148,7 @@ class ExplicitSolver:
 
     def _accelerate(self) -> None:
         p = self._points
-        accelerate(
-            p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, self._a
-        )
+        accelerate(p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, self._a)
 
     def _runge_kutta(self, dt: float) -> None:
         p, n = self._points, self._points.count

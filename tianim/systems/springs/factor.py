@@ -112,7 +112,9 @@ def factorise(matrix: Any, position: Floats) -> Factor:
         raise SceneError(f"the matrix of the solve cannot be factored ({error})") from None
     D = lu.U.diagonal()
     if not ((lu.perm_r == lu.perm_c).all() and (D > 0.0).all()):
-        raise SceneError("the matrix of the solve is not positive definite: is a stiffness negative, or far larger than others?")
+        raise SceneError(
+            "the matrix of the solve is not positive definite: is one stiffness far larger than the others?"
+        )
     place = np.empty(n, np.int32)
     place[order] = lu.perm_r
     point = np.argsort(place).astype(np.int32)

@@ -50,6 +50,7 @@ class Built:
     mass       (n,) [kg]
     bending    Q, sparse (n, n) [N/m], None where nothing resists bending
     triangles  (m, 3) of its surface, empty where it is lines
+    open_to_air  whether its triangles are a sheet that the air meets on both sides
     groups     numbers of points by a name that pins may use: "left", "first" ...
     data       per point, what frames show and never changes: "uv"
     """
@@ -60,6 +61,7 @@ class Built:
     springs: Springs
     bending: Any = None
     triangles: Ints = field(default_factory=lambda: np.zeros((0, 3), np.int32))
+    open_to_air: bool = False
     groups: Mapping[str, Ints] = field(default_factory=dict)
     data: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
 
@@ -132,7 +134,7 @@ def _sheet(piece: Sheet) -> Built:
     uv = np.stack([s.ravel(), t.ravel()], axis=1).astype(np.float32)
     return Built(
         x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending,
-        triangles.astype(np.int32), groups, {"uv": uv},
+        triangles.astype(np.int32), True, groups, {"uv": uv},
     )  # fmt: skip
 
 
@@ -177,19 +179,19 @@ def _mesh(piece: MeshPiece) -> Built:
     area = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
-    mass = np.bincount(triangles.ravel(), np.repeat(area, 3), len(x)) * piece.density / 3.0
+    mass = np.asarray(np.bincount(triangles.ravel(), np.repeat(area, 3), len(x)) * piece.density / 3.0)
     if not mass.all():
         raise SceneError(f"{piece.file}: point {int((mass == 0.0).argmax())} belongs to no triangle")
     sides = triangles[:, [[1, 2], [2, 0], [0, 1]]]  # opposite to corner 0, 1, 2
-    ends, edge = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
-    edge = edge.reshape(-1)
+    ends, which = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edge = which.reshape(-1).astype(np.int32)
     wide = np.bincount(edge, np.repeat(area, 3), len(ends))
     stiffness = piece.stretch * wide / _lengths(x, ends) ** 2
     bending = _mesh_bending(piece, x, triangles, area, edge, len(ends)) if piece.bend > 0.0 else None
     border = np.unique(ends[np.bincount(edge, minlength=len(ends)) == 1])
     return Built(
         x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending, triangles,
-        {"border": border.astype(np.int32)},
+        True, {"border": border.astype(np.int32)},
     )  # fmt: skip
 
 
@@ -252,22 +254,19 @@ def _block(piece: Block) -> Built:
     place = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
     x = rotate(from_euler(piece.rotation), (place - 0.5 * np.array(cells)) * h) + piece.position
     corner = {c: grid[tuple(slice(k, k + n) for k, n in zip(c, cells, strict=True))] for c in _CORNERS}
-    pairs = [
-        (a, b) for a, b in product(_CORNERS, _CORNERS) if a < b and sum(p != q for p, q in zip(a, b, strict=True)) < 3
-    ]
+    pairs = [(a, b) for a, b in product(_CORNERS, _CORNERS) if a < b and _axes(a, b) < 3]
     ends = np.concatenate([np.stack([corner[a].ravel(), corner[b].ravel()], axis=1) for a, b in pairs])
     volume = float(np.prod(h))
     length = _lengths(x, ends)
-    axes = np.concatenate(
-        [np.full(corner[a].size, sum(p != q for p, q in zip(a, b, strict=True))) for a, b in pairs]
-    )
+    axes = np.repeat([_axes(a, b) for a, b in pairs], np.prod(cells))
     # An edge belongs to four cells, a face diagonal to two.
     stiffness = POISSON_FACTOR * piece.stiffness * volume / length**2 * np.where(axes == 1, 0.25, 1.0)
     ends, which = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
-    stiffness = np.bincount(which.reshape(-1), stiffness, len(ends))
-    mass = np.zeros(len(x))
+    stiffness = np.asarray(np.bincount(which.reshape(-1), stiffness, len(ends)), np.float64)
+    cells_at = np.zeros(len(x))
     for c in _CORNERS:
-        mass += np.bincount(corner[c].ravel(), minlength=len(x)) * piece.density * volume / 8.0
+        cells_at += np.bincount(corner[c].ravel(), minlength=len(x)).astype(np.float64)
+    mass = cells_at * piece.density * volume / 8.0
     return Built(
         x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping),
         triangles=_skin(grid), groups=_faces(grid),
@@ -275,6 +274,11 @@ def _block(piece: Block) -> Built:
 
 
 _CORNERS = tuple(product((0, 1), repeat=3))
+
+
+def _axes(a: tuple[int, ...], b: tuple[int, ...]) -> int:
+    """In how many axes two corners of a cell differ."""
+    return sum(p != q for p, q in zip(a, b, strict=True))
 
 
 def _faces(grid: Ints) -> dict[str, Ints]:
@@ -295,8 +299,8 @@ def _skin(grid: Ints) -> Ints:
             side = np.take(grid, end, axis)
             a, b, c, d = side[:-1, :-1], side[1:, :-1], side[1:, 1:], side[:-1, 1:]
             out = (end == -1) == (axis != 1)
-            for t in ((a, b, c), (a, c, d)) if out else ((a, c, b), (a, d, c)):
-                found.append(np.stack(t, axis=-1).reshape(-1, 3))
+            halves = ((a, b, c), (a, c, d)) if out else ((a, c, b), (a, d, c))
+            found += [np.stack(half, axis=-1).reshape(-1, 3) for half in halves]
     return np.concatenate(found).astype(np.int32)
 
 

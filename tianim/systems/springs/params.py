@@ -38,8 +38,8 @@ class Pick(Params):
     piece: Name = Field(description="piece that they belong to", examples=["cloth"])
     points: Annotated[str, Field(max_length=32)] | tuple[Index, ...] | None = Field(
         None,
-        description="left, right, bottom, top and corners as left_top (sheets), left to front (blocks), border "
-        "(meshes), first, last, ends (ropes), all; or numbers of points",
+        description="left, right, bottom, top and corners as left_top (sheets), left to front (blocks), "
+        "border (meshes), first, last, ends (ropes), all; or numbers of points",
         examples=["left"],
     )
     lower: Vector3 | None = Field(None, description="corner of a box instead [m]")
@@ -83,7 +83,8 @@ class Stitch(Params):
 
     first: Pick = Field(description="points of one piece", examples=[{"piece": "a", "points": "right"}])
     second: Pick = Field(
-        description="as many points of another, in the same order", examples=[{"piece": "b", "points": "left"}]
+        description="as many points of another, in the same order",
+        examples=[{"piece": "b", "points": "left"}],
     )
     stiffness: Positive = Field(1e4, description="of each joint [N/m]")
     damping: NonNegative = Field(0.0, description="of each joint [N s/m]")
@@ -103,7 +104,7 @@ class Air(Params):
         0.0, description="part of the wind's speed that whirls add: smooth noise that drifts with the wind"
     )
     gust_size: Positive = Field(0.5, description="size of the whirls [m]")
-    drag: NonNegative = Field(0.0, description="slows every point, in the open as in a sheet: a = -drag v [1/s]")
+    drag: NonNegative = Field(0.0, description="slows every point, of sheets or not: a = -drag v [1/s]")
 
 
 class BodyContact(Params):
@@ -117,7 +118,7 @@ class Contact(Params):
 
     thickness: Positive = Field(0.002, description="distance that is kept from bodies [m]")
     friction: NonNegative = Field(0.3, description="Coulomb's coefficient")
-    restitution: Fraction = Field(0.0, description="part of the speed that a bounce gives back; explicit only")
+    restitution: Fraction = Field(0.0, description="part of the speed given back; explicit only")
     bodies: Mapping[Name, BodyContact] = Field(
         {}, max_length=MOST_NAMES, description="bodies with a friction of their own, by name"
     )
@@ -139,8 +140,10 @@ class Explicit(Params):
 class Projective(Params):
     """Of the solver `projective`."""
 
-    scheme: Literal["implicit_euler", "bdf2"] = Field(
-        "implicit_euler", description="implicit_euler calms motion; bdf2 keeps its snap"
+    scheme: Literal["implicit_euler", "bdf2"] | None = Field(
+        None,
+        description="bdf2 keeps the snap of motion, implicit_euler calms it; left out: bdf2, and "
+        "implicit_euler where there is something to touch",
     )
     iterations: Annotated[int, Field(ge=1, le=200)] = Field(5, description="of the global solve in a step")
 
@@ -172,8 +175,8 @@ class SpringsParams(SystemParams):
     contact: Contact = Field(Contact(), description="how bodies are touched")
     solver: Literal["auto", "explicit", "projective"] = Field(
         "auto",
-        description="explicit: many short steps; projective: few long ones with a factor computed once; auto: "
-        "explicit where its steps may be a millisecond long",
+        description="explicit: many short steps; projective: few long ones with a factor computed once; "
+        "auto: explicit where its steps may be a millisecond long",
     )
     explicit: Explicit = Field(Explicit(), description="of the solver explicit")
     projective: Projective = Field(Projective(), description="of the solver projective")

@@ -39,7 +39,9 @@ class Piece(Params):
     """What every piece has."""
 
     velocity: Vector3 = Field(ORIGIN, description="velocity of all its points at the start [m/s]")
-    spin: Vector3 = Field(ORIGIN, description="angular velocity about its centre of mass at the start [rad/s]")
+    spin: Vector3 = Field(
+        ORIGIN, description="angular velocity about its centre of mass at the start [rad/s]"
+    )
 
     def point_count(self) -> int:
         """Points that it will have."""
@@ -74,8 +76,8 @@ class Sheet(Fabric):
     )
     skip: NonNegative = Field(
         0.0,
-        description="stiffness [N/m] of springs over two cells, the lectures' bend springs: they resist folds, "
-        "but not as a bending stiffness; 0: none",
+        description="stiffness [N/m] of springs over two cells, the lectures' bend springs: they resist "
+        "folds, but not as a bending stiffness; 0: none",
     )
 
     @model_validator(mode="after")
@@ -131,7 +133,7 @@ class Rope(Piece):
     )  # fmt: skip
     segments: Segments = Field(32, description="equal segments along its course")
     length: Positive | None = Field(
-        None, description="its length at rest [m], where it is not that of its course: it starts slack or taut"
+        None, description="its length at rest [m], where not that of its course: it starts slack or taut"
     )
     density: Positive = Field(0.1, description="mass per length [kg/m]")
     stretch: Positive = Field(1e4, description="force over strain, EA [N]")
@@ -256,7 +258,8 @@ def check_sheet(path: Path) -> None:
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not area.all():
         k = int(np.flatnonzero(area == 0.0)[0])
-        raise ValueError(f"{path}: triangle {k} has no area; {int((area == 0.0).sum())} of {len(area)} have none")
+        none = int((area == 0.0).sum())
+        raise ValueError(f"{path}: triangle {k} has no area; {none} of {len(area)} have none")
     edges = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     pairs, uses = np.unique(edges, axis=0, return_counts=True)
     if uses.max() > 2:

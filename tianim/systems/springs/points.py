@@ -44,7 +44,9 @@ def set_external(n: ti.i32, gx: ti.f64, gy: ti.f64, gz: ti.f64, drag: ti.f64, v:
 
 
 @ti.kernel
-def push(n: ti.i32, fx: ti.f64, fy: ti.f64, fz: ti.f64, which: i32_1d, inverse_mass: f64_1d, external: f64_2d):
+def push(
+    n: ti.i32, fx: ti.f64, fy: ti.f64, fz: ti.f64, which: i32_1d, inverse_mass: f64_1d, external: f64_2d
+):
     """A force [N] on each of the points `which`."""
     ti.loop_config(serialize=True)
     for k in range(n):
@@ -61,6 +63,7 @@ class Points:
     external      (capacity, 3) float64, accelerations beside the springs' [m/s2]
     inverse_mass  (capacity,) float64 [1/kg], 0 where a point is held
     start, neighbour, row  see assembly.py
+    weight        size of gravity now [m/s2]
     """
 
     def __init__(self, whole: Assembly) -> None:
@@ -80,6 +83,7 @@ class Points:
         self.write(self.x, whole.position)
         self.write(self.v, whole.velocity)
         self.external.fill(0.0)
+        self.weight = 0.0
         self.hold(np.zeros(n, np.bool_))
 
     def hold(self, held: NDArray[np.bool_]) -> None:
@@ -94,7 +98,7 @@ class Points:
 
     def write(self, array: Any, values: Floats) -> None:
         """Set from (n, 3)."""
-        padded = np.zeros((self.capacity, 3))
+        padded = np.zeros((self.capacity, 3), np.float64 if array.dtype == ti.f64 else np.float32)
         padded[: self.count] = values
         array.from_numpy(padded)
 
@@ -125,5 +129,3 @@ class Held:
         """Exactly where they were led."""
         if self.count:
             settle(self.count, self._which, self._target, points.x)
-
-

@@ -4,8 +4,8 @@
     A = M / b^2 + sum_s (k_s + c_s / b) G_s^T G_s + Q
 
 A takes every spring as stiff in all directions: above the true Hessian, so that a step never goes too far,
-and the same for x, y and z and for the whole run (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz et al.
-2014, doi:10.1145/2601097.2601116). In this form, with the true forces f in r, what it converges to does not
+and the same for x, y and z and for the whole run (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz
+et al. 2014, doi:10.1145/2601097.2601116). In this form, with the true forces f in r, what it converges to does not
 depend on A, and float32 is enough for the solve.
 
     implicit Euler   y = x_n + h v_n + h^2 g,                                          b = h
@@ -17,8 +17,8 @@ steps of one length: after another length, a pin that came or went, or a contact
 **All iterations of a step are one launch**: in each, the workers take pieces of the points for r, then solve
 their branches of the factor (`factor.py`), meeting four times.
 
-Limits: springs that are turned far within a step take more iterations than five; hair and ropes of many points,
-stiff and light, are the worst case.
+Limits: springs that are turned far within a step take more than five iterations; ropes of many points, stiff
+and light, are the worst case.
 """
 
 from collections.abc import Mapping
@@ -30,11 +30,13 @@ from numpy.typing import NDArray
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.spatial.crew import Crew, first_of, last_of, meet, pieces, take
 from tianim.systems.springs.assembly import Assembly, implicit_matrix
+from tianim.systems.springs.contact import Walls
+from tianim.systems.springs.contact_forces import begin_from, lack_at, part, press
 from tianim.systems.springs.factor import Factor, backward_row, factorise, forward_row
 from tianim.systems.springs.points import Points
 
 # The passes of an iteration.
-RESIDUAL, FORWARD, TOP, BACKWARD, PASSES = 0, 1, 2, 3, 4
+RESIDUAL, FORWARD, TOP, BACKWARD, TOUCH, PRESS = 0, 1, 2, 3, 4, 5
 # Steps are of one length that differ by less than this part of it; the factor is made for one rounded so.
 SAME, DIGITS = 1e-9, 9
 
@@ -42,16 +44,19 @@ SAME, DIGITS = 1e-9, 9
 @ti.kernel
 def predict(
     n: ti.i32, dt: ti.f64, b: ti.f64, two: ti.i32, inverse_mass: f64_1d, external: f64_2d, x: f64_2d,
-    v: f64_2d, x_before: f64_2d, v_before: f64_2d, base: f64_2d, y: f64_2d,
+    v: f64_2d, touched: i32_1d, x_before: f64_2d, v_before: f64_2d, base: f64_2d, y: f64_2d,
 ):  # fmt: skip
     """Base X, inertial place y, and x = y as the first guess; `two` steps are remembered or one.
 
-    Points that are held go with their velocity.
+    Points that are held go with their velocity. Those that touched something count as if they had always gone
+    as they do: two steps would throw them back.
     """
     for i in range(n):
         for c in ti.static(range(3)):
             X, V = x[i, c], v[i, c]
-            if two == 1:
+            if two == 1 and touched[i] == 1:
+                X = x[i, c] + (dt - b) * v[i, c]
+            elif two == 1:
                 X = (4.0 * x[i, c] - x_before[i, c]) / 3.0
                 V = (4.0 * v[i, c] - v_before[i, c]) / 3.0
             x_before[i, c] = x[i, c]
@@ -66,7 +71,7 @@ def predict(
 
 @ti.kernel
 def finish(n: ti.i32, b: ti.f64, inverse_mass: f64_1d, base: f64_2d, x: f64_2d, v: f64_2d):
-    """v = (x - X) / b."""
+    """Velocities, (x - X) / b."""
     for i in range(n):
         if inverse_mass[i] > 0.0:
             for c in ti.static(range(3)):
@@ -76,7 +81,8 @@ def finish(n: ti.i32, b: ti.f64, inverse_mass: f64_1d, base: f64_2d, x: f64_2d, 
 @ti.func
 def residual_at(
     damped: ti.template(), b, start: ti.template(), neighbour: ti.template(), row: ti.template(),
-    inverse_mass: ti.template(), base: ti.template(), y: ti.template(), x: ti.template(), i,
+    inverse_mass: ti.template(), base: ti.template(), y: ti.template(), x: ti.template(),
+    applied: ti.template(), i,
 ):  # fmt: skip
     """r_i [N]; 0 where i is held."""
     r = ti.Vector([0.0, 0.0, 0.0])
@@ -98,29 +104,34 @@ def residual_at(
             f += ti.Vector([s * dx, s * dy, s * dz])
         heavy = 1.0 / (inverse_mass[i] * b * b)
         for c in ti.static(range(3)):
-            r[c] = ti.cast(f[c] + heavy * (y[i, c] - x[i, c]), ti.f32)
+            r[c] = ti.cast(f[c] + heavy * (y[i, c] - x[i, c]), ti.f32) + applied[i, c]
     return r
 
 
 @ti.kernel
 def relax(
-    damped: ti.template(), tasks: ti.i32, stride: ti.i32, first_turn: ti.i32, last_turn: ti.i32, n: ti.i32, b: ti.f64, crew: i32_1d,
-    start: i32_1d, neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d,
+    damped: ti.template(), touching: ti.template(), passes: ti.i32, tasks: ti.i32, stride: ti.i32,
+    first_turn: ti.i32, last_turn: ti.i32, n: ti.i32, b: ti.f64, crew: i32_1d, start: i32_1d, neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d,
     place: i32_1d, point: i32_1d, row_start: i32_1d, column: i32_1d, row_value: f32_1d,
     column_start: i32_1d, below: i32_1d, column_value: f32_1d, inverse: f32_1d,
     bins: ti.i32, range_start: i32_1d, ranges: i32_2d, top_count: ti.i32, tops: i32_1d, z: f32_2d,
+    dt: ti.f32, thickness: ti.f32, table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d,
+    friction: f32_1d, x_before: f64_2d, force: f32_2d, applied: f32_2d, lack: f32_2d,
+    normal: f32_2d,
 ):  # fmt: skip
     """Iterations of x += A^-1 r, turn by turn."""
     for block in range(tasks * stride):
         if block % stride == 0:
             task = block // stride
             for turn in range(first_turn, last_turn):
-                work = turn % PASSES
+                work = turn % passes
                 if work == RESIDUAL:
                     piece = take(crew, turn)
                     while piece < pieces(n):
                         for i in range(first_of(piece), last_of(piece, n)):
-                            r = residual_at(damped, b, start, neighbour, row, inverse_mass, base, y, x, i)
+                            r = residual_at(
+                                damped, b, start, neighbour, row, inverse_mass, base, y, x, applied, i
+                            )
                             k = place[i]
                             z[k, 0], z[k, 1], z[k, 2] = r[0], r[1], r[2]
                         piece = take(crew, turn)
@@ -141,7 +152,7 @@ def relax(
                             for c in ti.static(range(3)):
                                 # Not +=, which would be atomic.
                                 x[point[i], c] = x[point[i], c] + z[i, c]
-                else:
+                elif work == BACKWARD:
                     own = task
                     while own < bins:
                         for k in range(range_start[own], range_start[own + 1]):
@@ -151,6 +162,24 @@ def relax(
                                 for c in ti.static(range(3)):
                                     x[point[i], c] = x[point[i], c] + z[i, c]
                         own += tasks
+                else:
+                    if ti.static(touching):
+                        piece = take(crew, turn)
+                        while piece < pieces(n):
+                            for i in range(first_of(piece), last_of(piece, n)):
+                                if work == TOUCH:
+                                    lack[i, 3] = -1.0
+                                    if inverse_mass[i] > 0.0:
+                                        lack_at(
+                                            thickness, dt, table, samples, count, bounds, friction, x_before,
+                                            x, force, lack, normal, i,
+                                        )  # fmt: skip
+                                elif inverse_mass[i] > 0.0:
+                                    press(
+                                        b, start, neighbour, row, inverse_mass, lack, normal, force,
+                                        applied, i,
+                                    )  # fmt: skip
+                            piece = take(crew, turn)
                 meet(crew, tasks)
 
 
@@ -160,15 +189,26 @@ class ProjectiveSolver:
     name = "projective"
     longest = float("inf")
 
-    def __init__(self, whole: Assembly, points: Points, scheme: str, iterations: int) -> None:
+    def __init__(
+        self, whole: Assembly, points: Points, walls: Walls, scheme: str | None, iterations: int
+    ) -> None:
+        self._walls = walls
         self._whole, self._points = whole, points
-        self._two_steps, self._iterations = scheme == "bdf2", iterations
+        self._two_steps = (scheme or ("implicit_euler" if walls.any else "bdf2")) == "bdf2"
+        self._iterations = iterations
         self._damped = bool(whole.springs.damping.any())
         room = (points.capacity, 3)
         self._base, self._y, self._x_before, self._v_before = (ti.ndarray(ti.f64, room) for _ in range(4))
         for array in (self._base, self._y, self._x_before, self._v_before):
             array.fill(0.0)
+        self._touched: Any = ti.ndarray(ti.i32, points.capacity)
+        self._touched.fill(0)
+        self._force, self._applied, self._normal = (ti.ndarray(ti.f32, room) for _ in range(3))
+        self._force.fill(0.0)
+        self._applied.fill(0.0)
+        self._lack: Any = ti.ndarray(ti.f32, (points.capacity, 4))
         self._z: Any = ti.ndarray(ti.f32, room)
+        self._passes = 6 if walls.any else 4
         self._crew = Crew(points.count)
         self._held = np.zeros(whole.count, np.bool_)
         self._factor: Factor | None = None
@@ -187,17 +227,21 @@ class ProjectiveSolver:
         b = 2.0 * dt / 3.0 if two else dt
         factor = self._factor_for(2.0 * dt / 3.0 if self._two_steps else dt)
         predict(
-            n, dt, b, int(two), points.inverse_mass, points.external, points.x, points.v, self._x_before,
-            self._v_before, self._base, self._y,
+            n, dt, b, int(two), points.inverse_mass, points.external, points.x, points.v, self._touched,
+            self._x_before, self._v_before, self._base, self._y,
         )  # fmt: skip
+        if self._walls.any:
+            begin_from(n, self._force, self._applied)
         self._crew.begin()
-        turns = PASSES * self._iterations
+        turns = self._passes * self._iterations
         if self._crew.works:
-            self._relax(factor, b, 0, turns)
+            self._relax(factor, dt, b, 0, turns)
         else:
             for turn in range(turns):
-                self._relax(factor, b, turn, turn + 1)
+                self._relax(factor, dt, b, turn, turn + 1)
         finish(n, b, points.inverse_mass, self._base, points.x, points.v)
+        if self._walls.any:
+            self._part(dt)
         self._last_dt = dt
 
     def _factor_for(self, b: float) -> Factor:
@@ -208,14 +252,23 @@ class ProjectiveSolver:
             self._factor, self._factored_for = factorise(matrix, self._whole.position), b
         return self._factor
 
-    def _relax(self, factor: Factor, b: float, first: int, last: int) -> None:
-        p, crew = self._points, self._crew
+    def _part(self, dt: float) -> None:
+        p, walls = self._points, self._walls
+        part(
+            p.count, dt, walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
+            p.inverse_mass, self._x_before, self._force, p.x, p.v, self._touched,
+        )  # fmt: skip
+
+    def _relax(self, factor: Factor, dt: float, b: float, first: int, last: int) -> None:
+        p, crew, walls = self._points, self._crew, self._walls
         relax(
-            self._damped, crew.tasks_for(p.count), crew.stride, first, last, p.count, b, crew.array, p.start, p.neighbour,
-            p.row, p.inverse_mass, self._base, self._y, p.x, factor.place, factor.point, factor.row_start,
+            self._damped, walls.any, self._passes, crew.tasks_for(p.count), crew.stride, first, last,
+            p.count, b, crew.array, p.start, p.neighbour, p.row, p.inverse_mass, self._base, self._y, p.x, factor.place, factor.point, factor.row_start,
             factor.row, factor.row_value, factor.column_start, factor.column, factor.column_value,
             factor.inverse, factor.bins, factor.range_start, factor.ranges, factor.top_count, factor.tops,
-            self._z,
+            self._z, dt, walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count,
+            walls.bounds, walls.friction, self._x_before, self._force, self._applied, self._lack,
+            self._normal,
         )  # fmt: skip
 
     def forget(self) -> None:
@@ -224,15 +277,20 @@ class ProjectiveSolver:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The step before, which BDF2 goes on from."""
-        if not self._two_steps:
-            return {}
         p = self._points
-        before = {"x_before": p.read(self._x_before), "v_before": p.read(self._v_before)}
-        return {**before, "last_dt": np.array([self._last_dt])}
+        return {
+            "x_before": p.read(self._x_before), "v_before": p.read(self._v_before),
+            "last_dt": np.array([self._last_dt]), "contact_force": p.read(self._force),
+            "touched": self._touched.to_numpy()[: p.count],
+        }  # fmt: skip
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
-        if self._two_steps:
-            self._points.write(self._x_before, np.asarray(state["x_before"], np.float64))
-            self._points.write(self._v_before, np.asarray(state["v_before"], np.float64))
-            self._last_dt = float(state["last_dt"][0])
+        for name, array in (
+            ("x_before", self._x_before), ("v_before", self._v_before), ("contact_force", self._force)
+        ):  # fmt: skip
+            self._points.write(array, np.asarray(state[name]))
+        touched = np.zeros(self._points.capacity, np.int32)
+        touched[: self._points.count] = state["touched"]
+        self._touched.from_numpy(touched)
+        self._last_dt = float(state["last_dt"][0])

@@ -1,4 +1,4 @@
-"""What is measured of springs, in NumPy and float64: energies, momenta, strains. Kernels are held against it."""
+"""What is measured of springs, in NumPy and float64: energies, momenta, strains."""
 
 from typing import Any
 
@@ -45,10 +45,15 @@ class Report:
 
     def elastic(self, x: Floats) -> float:
         """Energy of all springs and of bending [J]."""
-        strain_energy = 0.5 * self._whole.springs.stiffness @ (
-            np.linalg.norm(x[self._whole.springs.ends[:, 1]] - x[self._whole.springs.ends[:, 0]], axis=1)
-            - self._whole.springs.rest_length
-        ) ** 2
+        strain_energy = (
+            0.5
+            * self._whole.springs.stiffness
+            @ (
+                np.linalg.norm(x[self._whole.springs.ends[:, 1]] - x[self._whole.springs.ends[:, 0]], axis=1)
+                - self._whole.springs.rest_length
+            )
+            ** 2
+        )
         return float(strain_energy) + self.bending(x)
 
     def bending(self, x: Floats) -> float:

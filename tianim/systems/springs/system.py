@@ -19,7 +19,9 @@ from tianim.errors import BlowupError, SceneError
 from tianim.frame import Lines, Mesh, Part
 from tianim.lang import ti
 from tianim.system import World
-from tianim.systems.springs.assembly import Assembly, assemble
+from tianim.systems.springs.air import Sails
+from tianim.systems.springs.assembly import assemble
+from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.explicit import ExplicitSolver
 from tianim.systems.springs.params import EXPLICIT_FROM, SpringsParams
 from tianim.systems.springs.pins import Pins
@@ -50,8 +52,9 @@ class SpringSystem:
             (key, self.whole.chosen(f"pushes.{key}", push)) for key, push in params.pushes.items()
         ]
         self._pushed = [self._as_array(which) for _, which in self._pushes]
+        walls = Walls(params.contact, world.bodies, world.bounds)
         explicit = ExplicitSolver(
-            self.whole, self.points, params.explicit.integrator, params.explicit.safety
+            self.whole, self.points, walls, params.explicit.integrator, params.explicit.safety
         )
         chosen = params.solver
         if chosen == "auto":
@@ -60,8 +63,9 @@ class SpringSystem:
         self.solver: ExplicitSolver | ProjectiveSolver = explicit
         if chosen == "projective":
             self.solver = ProjectiveSolver(
-                self.whole, self.points, params.projective.scheme, params.projective.iterations
+                self.whole, self.points, walls, params.projective.scheme, params.projective.iterations
             )
+        self.sails = Sails(self.whole, world.seed)
         self.report = Report(self.whole, params)
         self._time = 0.0
 
@@ -87,9 +91,11 @@ class SpringSystem:
         self._time = time + dt
 
     def _force(self, time: float) -> None:
-        """Gravity, drag, pushes."""
+        """Gravity, drag, air, pushes."""
         points, now = self.points, self.params.at(time)
+        points.weight = float(np.linalg.norm(now.gravity))
         set_external(self.count, *now.gravity, now.air.drag, points.v, points.external)
+        self.sails.blow(time, now.air, points)
         for (key, which), array in zip(self._pushes, self._pushed, strict=True):
             force = now.pushes[key].force
             if any(force):
@@ -119,10 +125,10 @@ class SpringSystem:
                     data["strain"] = self.report.of_points(key, strain[springs], len(piece.mass))
                 parts.append(Mesh(name, position, piece.triangles, data, units=_units(data)))
                 continue
-            cells = {}
+            cells: dict[str, NDArray[Any]] = {}
             if strain is not None and tension is not None:
-                cells = {"tension": tension[springs].astype(np.float32), "strain": strain[springs].astype(np.float32)}
-                cells = {field: values for field, values in cells.items() if wants(field)}
+                both = {"tension": tension[springs], "strain": strain[springs]}
+                cells = {key: values.astype(np.float32) for key, values in both.items() if wants(key)}
             ends = piece.springs.ends
             parts.append(Lines(name, position, ends, data, cells, _units({**data, **cells})))
         return tuple(parts)
@@ -162,7 +168,7 @@ class SpringSystem:
         self.solver.restore(state)
 
     def arrays(self) -> tuple[str, ...]:
-        """position and velocity can be set, mass can only be read."""
+        """Places and velocities can be set, mass can only be read."""
         return ("position", "velocity", "mass")
 
     def read(self, name: str) -> NDArray[Any]:

@@ -41,9 +41,9 @@ from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.smoothing import spline, spline_slopes, spline_values
+from tianim.spatial.crew import MOST_TURNS, PIECE, Crew
 from tianim.spatial.neighbor_lists import nearest_image
 from tianim.system import Bounds
-from tianim.spatial.crew import MOST_TURNS, PIECE, Crew
 from tianim.systems.fluid.forces import Forces
 from tianim.systems.fluid.gauge_params import ForceGauge
 from tianim.systems.fluid.motion import kick, move_on

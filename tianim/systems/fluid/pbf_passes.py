@@ -6,8 +6,8 @@ between them now and then, and FINISH.
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.smoothing import spline, spline_slope
-from tianim.spatial.neighbor_lists import nearest_image
 from tianim.spatial.crew import first_of, last_of, meet, pieces, take
+from tianim.spatial.neighbor_lists import nearest_image
 from tianim.systems.fluid.pairs import TINY
 from tianim.systems.fluid.wall_shares import wall_terms
 

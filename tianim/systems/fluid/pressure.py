@@ -39,8 +39,8 @@ import numpy as np
 
 from tianim.lang import ti
 from tianim.math.smoothing import spline_slopes
-from tianim.systems.fluid.correction import Correction
 from tianim.spatial.crew import MOST_TURNS, PIECE, Crew
+from tianim.systems.fluid.correction import Correction
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.pressure_passes import (

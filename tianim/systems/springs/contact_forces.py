@@ -6,9 +6,10 @@
 e is what a point lacks: its depth along the normal n less what it slid in this step; the sum is over the
 neighbours in contact. Where a whole patch lacks the same, nothing but its mass resists, and lambda does it in
 one iteration; where points lack differently, the springs between them resist, and the sum does it in one: it
-pulls some and pushes others, and is gone when nothing is lacking. At the edge of a patch the rest is drawn along
-as far as waves come in a step, which is as stiff as s_i = sum sqrt(k_ij m / b^2) over the neighbours that do not
-touch. All are at most as stiff as the patch itself, so that little is overshot. lambda goes on from step to step.
+pulls some and pushes others, and is gone when nothing is lacking. At the edge of a patch the rest is drawn
+along, as far as waves come in a step: as stiff as s_i = sum sqrt(k_ij m / b^2) over the neighbours that do
+not touch. All are at most as stiff as the patch itself, so that little is overshot. lambda goes on from step
+to step.
 
 What is then still too near goes to its distance, along the normal.
 """

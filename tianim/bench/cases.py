@@ -128,6 +128,14 @@ _ALL = (
         rounds=1,
     ),
     Case(
+        "springs",
+        "a sheet that hangs, swings, falls onto a sphere: time of a frame, sag, strain and penetration",
+        "springs:Cloth",
+        (4_096, 16_384, 65_536),
+        smallest={3: 16},
+        rounds=1,
+    ),
+    Case(
         "export",
         "steps alone, and with frames written: a frame a step, a frame every 8 steps",
         "frames:Export",

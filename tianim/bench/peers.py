@@ -28,6 +28,10 @@ GRAVITY_CODES = (("pytreegrav", "numba", 1 << 31), ("rebound", "C", 1 << 31), ("
 LONGEST_FORCES = 1800.0  # s
 LONGEST_FLUID = 1800.0  # s
 FLUID_THREADS = 2
+PBD, NEWTON = "pbd_cloth.py", "newton_cloth.py"
+LONGEST_CLOTH = 900.0  # s
+# A frame of more points takes many seconds there.
+LARGEST_NEWTON = 5000
 # Cells along a side of the peer's map of the walls, at so many particles.
 WALL_CELLS, WALL_PARTICLES = 25, 30_000
 # A step of the array programs takes seconds at a million, and is no rival there.
@@ -115,7 +119,7 @@ def _read_forces(peer: Peer, lines: list[str]) -> list[Found]:
 
 def find_peers(case: str, folder: Path, work: Path) -> list[Peer]:
     """The peers of a case that can run here; programs are compiled into `work`."""
-    if case not in ("boids", "boids_topological", "fluid", "gravity"):
+    if case not in ("boids", "boids_topological", "fluid", "gravity", "springs"):
         note(f"no peers for the case {case}")
         return []
     if not folder.is_dir():
@@ -125,6 +129,8 @@ def find_peers(case: str, folder: Path, work: Path) -> list[Peer]:
         return _gravity_peers(folder / "gravity" / "run_gravity.py")
     if case == "fluid":
         return _fluid_peers(folder / "fluid" / "run_splish.py")
+    if case == "springs":
+        return _cloth_peers(folder / "cloth")
     source, script = folder / "boids" / "boids_cpp.cc", folder / "boids" / "boids_python.py"
     if case == "boids_topological":
         return _array_peers(script, ("knn7",))
@@ -229,6 +235,47 @@ def _fluid_peers(script: Path) -> list[Peer]:
         return Peer(command, "C++", FLUID_THREADS, once=True, read=_read_second, longest=1.2 * LONGEST_FLUID)
 
     return [peer("DFSPH"), peer("PBF", "--dt", "0.0025", "--boundary", "0")]
+
+
+def _read_frames(peer: Peer, lines: list[str]) -> list[Found]:
+    """A step is a frame; what diverged says so."""
+    values = json.loads([line for line in lines if line.startswith("{")][-1])
+    error = {"peak_strain": float(values["peak_strain"])}
+    if values["scene"] == "hang":
+        error["sag_over_exact"] = float(values["sag"]) / float(values["sag_analytic"])
+    if values["scene"] == "drape":
+        error["penetration_m"] = float(values["penetration_max"])
+    ms = float(values["ms_per_frame"])
+    one = Round(int(values["frames"]), ms, ms, error=error, counts={"substeps": float(values["substeps"])})
+    return [Found(str(values["code"]), one, peer.compiler, str(values["scene"]))]
+
+
+def _cloth_peers(folder: Path) -> list[Peer]:
+    """PyPBD with 30 substeps, and Newton's vertex block descent where it is installed."""
+
+    def peer(python: str, script: str, scene: str, frames: int, largest: int) -> Peer:
+        def command(n: int, dim: int, steps: int) -> list[str]:
+            across = str(round(n**0.5))
+            given = {
+                PBD: [scene, across, "30", "1", "4", str(frames)],
+                NEWTON: ["vbd", scene, across, "10", "5", str(frames)],
+            }
+            return [python, str(folder / script), *given[script]]
+
+        return Peer(command, "C++", once=True, largest=largest, read=_read_frames, longest=LONGEST_CLOTH)
+
+    found = []
+    for script, needs, largest, frames in (
+        (PBD, "pypbd", 1 << 31, {"hang": 120, "swing": 45}),
+        (NEWTON, "newton", LARGEST_NEWTON, {"hang": 30}),
+    ):
+        python = _python(needs)
+        if not (folder / script).is_file() or python is None:
+            missing = f"no Python with {needs} ({PYTHON_VARIABLE})" if python is None else f"no {script}"
+            note(f"{missing}: left out")
+            continue
+        found += [peer(python, script, scene, count, largest) for scene, count in frames.items()]
+    return found
 
 
 def _python(needs: str = "numba") -> str | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tianim.frame import Frame, Lines, Mesh, Points
+from tianim.frame import Frame, Lines, Mesh, Part, Points
 from tianim.view.canvas import Blend, Geometry, Spheres, Sticks, Triangles
 from tianim.view.liquid import Liquid, mesh_normals
 from tianim.view.material import Substance
@@ -25,6 +25,7 @@ NEAR_ABOVE = 40.0  # pixels: a longer one as a finer shape
 MOST_SHAPES = 400_000  # more darts than this are drawn as plain sticks
 TRAIL_OPACITY = 0.5
 TRAIL_WIDTH = 0.12  # of a trail at its head, over the size of the point
+CURVE_OPACITY = 0.85  # what a bead leaves behind is a curve to be read: it hardly thins
 FOAM_HEART = 0.5  # diameter of the dense middle of foam over the whole
 JUMP = 12.0  # a trail breaks where a point moves this many times the median: it went round a periodic box
 
@@ -55,8 +56,10 @@ class Draft:
             style = self._styles.of(part)
             if style.kind == "hidden" or not len(part.position):
                 continue
-            if isinstance(part, Points) and style.trail and earlier:
+            if style.trail and earlier and (isinstance(part, Points) or style.beads):
                 blends += self._trail(part, style, earlier)
+            if style.beads:
+                spheres.append(_beads(part, style, self._styles.tones(part, style)))
             if style.kind == "stars":
                 continue
             if isinstance(part, Mesh) and style.substance is not None and not self.matt:
@@ -132,8 +135,9 @@ class Draft:
             np.nan_to_num(forward), (float(axis == 0), float(axis == 1), float(axis == 2))
         )
 
-    def _trail(self, part: Points, style: Style, earlier: Sequence[Frame]) -> list[Blend]:
+    def _trail(self, part: Part, style: Style, earlier: Sequence[Frame]) -> list[Blend]:
         """Fading, thinning sticks through the places of each point in the frames before, newest first."""
+        size = style.beads or style.size
         tone, blends = self._styles.tones(part, style), []
         head = _f32(part.position)
         for age, frame in enumerate(reversed(earlier[-style.trail :])):
@@ -144,11 +148,14 @@ class Draft:
             step = np.linalg.norm(head - tail, axis=1)
             known = np.isfinite(step)
             middle = float(np.median(step[known])) if known.any() else 0.0
-            good = known & (step <= max(JUMP * middle, 2.0 * style.size))
+            good = known & (step <= max(JUMP * middle, 2.0 * size))
             left = 1.0 - age / (style.trail + 1.0)
             count = int(good.sum())
-            opacity = np.full(count, TRAIL_OPACITY * style.opacity * left**1.5, np.float32)
-            radius = np.full(count, 0.5 * TRAIL_WIDTH * style.size * left, np.float32)
+            fade, width = TRAIL_OPACITY * left**1.5, TRAIL_WIDTH * left
+            if style.beads:
+                fade, width = CURVE_OPACITY * left**0.5, TRAIL_WIDTH * (0.5 + 0.5 * left)
+            opacity = np.full(count, fade * style.opacity, np.float32)
+            radius = np.full(count, 0.5 * width * size, np.float32)
             glow = 0.8 if style.kind == "glow" else 0.0
             blends.append(Blend(tail[good], head[good], radius, opacity, tone[good], joined=True, glow=glow))
             head = tail
@@ -161,6 +168,11 @@ def nearest_first(geometry: Geometry, camera: Float) -> Geometry:
     order = np.argsort((spheres.position - camera[:3]) @ camera[9:12], kind="stable")
     sorted_ = Spheres(_f32(spheres.position[order]), spheres.radius[order], spheres.tone[order])
     return replace(geometry, spheres=sorted_)
+
+
+def _beads(part: Part, style: Style, tone: Float) -> Spheres:
+    good = _finite_rows(part.position)
+    return Spheres(_f32(part.position[good]), np.full(int(good.sum()), 0.5 * style.beads, np.float32), tone[good])
 
 
 def _balls(position: Float, size: Float, tone: Float, style: Style) -> Spheres | Blend:

@@ -116,8 +116,12 @@ class PartStyle(Params):
     color: Annotated[ColorBy, BeforeValidator(_short_color, json_schema_input_type=str | ColorBy)] = Field(
         default=ColorBy(), description="what the colour says"
     )
+    beads: Positive | None = Field(
+        default=None,
+        description="diameter of balls at the points of lines: the masses of springs [m]; left out: none",
+    )
     trail: Annotated[int, Field(ge=0, le=MAX_TRAIL)] = Field(
-        default=0, description="length of the trail behind each point [frames]"
+        default=0, description="length of the trail behind each point, or each bead [frames]"
     )
     opacity: Annotated[float, Field(gt=0, le=1)] = Field(
         default=1.0,

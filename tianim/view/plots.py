@@ -1,4 +1,4 @@
-"""Plots: the table of metrics of a run as small curves over time."""
+"""Plots: the table of metrics of a run as small curves over time, a panel a quantity, a colour a system."""
 
 import csv
 import re
@@ -87,9 +87,15 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingPartError(MISSING_PLOTS) from error
-    left_out = len(shown) - MOST_PANELS
-    shown = dict(islice(shown.items(), MOST_PANELS))
-    count = len(shown)
+    systems = [system for system in _systems(list(shown)) if system]
+    together: dict[tuple[str, str], dict[str, Column]] = {}  # what several systems have, by system
+    for name, values in shown.items():
+        bare, unit = _split(name)
+        system, _, what = bare.rpartition(".")
+        together.setdefault((what, unit), {})[system] = values
+    left_out = len(together) - MOST_PANELS
+    together = dict(islice(together.items(), MOST_PANELS))
+    count = len(together)
     columns = 1 if count == 1 else 2 if count in (2, 4) else 3
     rows = ceil(count / columns)
     figure = Figure(
@@ -97,17 +103,18 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
     )
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    systems = _systems(list(shown))
-    for panel, (name, values) in zip(panels, shown.items(), strict=False):
-        bare, unit = _split(name)
-        system, _, what = bare.rpartition(".")
-        color = LINES[systems.index(system) % len(LINES)]
-        panel.plot(across, values, color=color, linewidth=2.2, solid_joinstyle="round")
+    for panel, ((what, unit), curves) in zip(panels, together.items(), strict=False):
+        for system, values in curves.items():
+            color = LINES[systems.index(system) % len(LINES)] if system else LINES[0]
+            panel.plot(across, values, color=color, linewidth=2.2, solid_joinstyle="round", label=system)
         title = what.replace("_", " ") + (f" [{unit}]" if unit else "")
         panel.set_title(title, fontsize=16, color=INK, loc="left")
-        if len(systems) > 1 and system:
+        if len(curves) == 1 and len(systems) > 1 and system:
             panel.set_title(system, fontsize=12, color=color, loc="right")
-        _style(panel, values)
+        _style(panel, np.concatenate(list(curves.values())))
+    first = next((k for k, curves in enumerate(together.values()) if len(curves) > 1), None)
+    if first is not None:
+        panels[first].legend(fontsize=11, frameon=False, labelcolor="linecolor")
     for panel in panels[count:]:
         panel.set_visible(False)
     for panel in panels[max(0, count - columns) : count]:

@@ -39,6 +39,7 @@ class Style:
     by         data that colours the part, from `low` to `high`; None: one colour
     palette    number of colours, where each whole number has its own; 0: a map
     substance  what a mesh is made of that light goes through
+    beads      diameter of balls at the points of lines [m]; 0: none
     """
 
     kind: str
@@ -52,6 +53,7 @@ class Style:
     trail: int
     opacity: float
     substance: Substance | None = None
+    beads: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ class Styles:
         return Style(
             kind, given.size or self._size(part, kind), first_row, coloring.by, coloring.low, coloring.high,
             given.color.log, coloring.palette, given.trail, self._opacity(part, given),
-            self._substance(part, given),
+            self._substance(part, given), self._beads(part, given),
         )  # fmt: skip
 
     def _kind(self, part: Part, given: PartStyle) -> str:
@@ -169,6 +171,11 @@ class Styles:
         if not isinstance(part, Mesh):
             raise SceneError(f"view.parts.{part.name}.material: only a mesh has one; the part is no mesh")
         return substance(given.material, self._radius, is_dark(self._preset))
+
+    def _beads(self, part: Part, given: PartStyle) -> float:
+        if given.beads is not None and not isinstance(part, Lines):
+            raise SceneError(f"view.parts.{part.name}.beads: only lines have them; the part is no lines")
+        return given.beads or 0.0
 
     def _size(self, part: Part, kind: str) -> float:
         """The automatic size [m]."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tianim.frame import Frame, Lines, Mesh, Part, Points
+from tianim.view.values import values_of
 from tianim.view.wet import any_fluid, is_foam
 
 Float = NDArray[np.float32]
@@ -121,7 +122,10 @@ def _thin(part: Part) -> Points:
     """At most MAX_POINTS points of a part, evenly by order, so that it is the same ones in each frame."""
     every = slice(None, None, max(1, -(-len(part.position) // MAX_POINTS)))
     good = np.isfinite(part.position[every]).all(axis=1)
-    data = {name: np.asarray(values)[every][good] for name, values in part.data.items()}
+    arrays = dict(part.data)
+    if isinstance(part, Lines):
+        arrays |= {name: values_of(part, name) for name in part.cell_data}
+    data = {name: np.asarray(values)[every][good] for name, values in arrays.items()}
     return Points(part.name, part.position[every][good].astype(np.float32), data, part.units)
 
 

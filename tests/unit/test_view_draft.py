@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from view_scenes import Film, cloud, cube, flock
 
-from tianim.frame import Frame, Points
+from tianim.errors import SceneError
+from tianim.frame import Frame, Lines, Points
 from tianim.view import layout
 from tianim.view.backdrop import Backdrop, preset_of
 from tianim.view.camera import camera_array
@@ -46,6 +47,35 @@ def test_a_trail_does_not_cross_a_periodic_box() -> None:
     blends = geometry(Film(2, make), 1, [0], parts={"dots": {"trail": 1, "size": 0.1}}).blends
     assert len(blends[0].tail) == 8
     assert np.linalg.norm(blends[0].head - blends[0].tail, axis=1).max() < 0.1
+
+
+def chain(index, time):
+    position = np.array([[0, 0, 0], [1, 0, 0], [2, 0.1 * index, 0]], np.float32)
+    tension = np.array([0.0, 4.0 * index], np.float32)
+    segments = np.array([[0, 1], [1, 2]], np.int32)
+    return (Lines("chain", position, segments, cell_data={"tension": tension}),)
+
+
+def test_lines_have_beads_that_leave_trails_where_asked() -> None:
+    film = Film(4, chain)
+    shown = geometry(film, 3, range(3), parts={"chain": {"size": 0.1, "beads": 0.4, "trail": 3}})
+    np.testing.assert_allclose(shown.spheres.radius, [0.2, 0.2, 0.2])
+    np.testing.assert_array_equal(shown.spheres.position, film[3].parts[0].position)
+    assert len(shown.blends) == 3
+    bare = geometry(film, 3, range(3), parts={"chain": {"size": 0.1, "trail": 3}})
+    assert not len(bare.spheres.position)
+    assert not bare.blends
+
+
+def test_only_lines_have_beads() -> None:
+    with pytest.raises(SceneError, match="only lines have them"):
+        geometry(Film(2, flock(5)), parts={"boids": {"beads": 0.4}})
+
+
+def test_lines_are_coloured_by_the_data_of_their_segments() -> None:
+    film, color = Film(3, chain), {"by": "tension", "range": [0, 8]}
+    tone = geometry(film, 2, parts={"chain": {"size": 0.1, "color": color}}).sticks.tone
+    assert tone[1] - tone[0] == pytest.approx(4.0 / 8.0 * 255, abs=1)
 
 
 def noses(shown):

@@ -250,6 +250,17 @@ def test_every_metric_has_a_panel_up_to_a_limit(tmp_path, monkeypatch, count, ac
     assert said == (["and 6 more in the table"] if count > 24 else [])
 
 
+def test_a_quantity_of_several_systems_is_one_panel(tmp_path) -> None:
+    rows = [f"{k},{k / 30},{k},{-k},3" for k in range(20)]
+    (tmp_path / "metrics.csv").write_text("\n".join(["frame,time,a.energy,b.energy,b.spin", *rows]))
+    assert plot_metrics(tmp_path / "metrics.csv", tmp_path / "metrics.png")
+    with Image.open(tmp_path / "metrics.png") as image:
+        assert image.size == (860, 295)
+        drawn = np.asarray(image.convert("RGB"), int)[:, :430]
+    for ink in ((0x1F, 0x6F, 0x9F), (0xC0, 0x53, 0x2F)):
+        assert (np.abs(drawn - ink).max(axis=2) < 30).sum() > 200
+
+
 def test_a_constant_is_a_straight_line_in_the_middle_of_its_panel(tmp_path) -> None:
     noise = np.random.default_rng(0).normal(size=30) * 1e-9
     rows = [f"{k},{k / 30},{float(7 + noise[k])!r}" for k in range(30)]

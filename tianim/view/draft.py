@@ -172,7 +172,9 @@ def nearest_first(geometry: Geometry, camera: Float) -> Geometry:
 
 def _beads(part: Part, style: Style, tone: Float) -> Spheres:
     good = _finite_rows(part.position)
-    return Spheres(_f32(part.position[good]), np.full(int(good.sum()), 0.5 * style.beads, np.float32), tone[good])
+    return Spheres(
+        _f32(part.position[good]), np.full(int(good.sum()), 0.5 * style.beads, np.float32), tone[good]
+    )
 
 
 def _balls(position: Float, size: Float, tone: Float, style: Style) -> Spheres | Blend:

@@ -114,7 +114,11 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
         _style(panel, np.concatenate(list(curves.values())))
     first = next((k for k, curves in enumerate(together.values()) if len(curves) > 1), None)
     if first is not None:
-        panels[first].legend(fontsize=11, frameon=False, labelcolor="linecolor")
+        handles, labels = panels[first].get_legend_handles_labels()
+        figure.legend(
+            handles, labels, loc="outside upper center", ncols=len(labels), fontsize=14, frameon=False,
+            labelcolor="linecolor",
+        )  # fmt: skip
     for panel in panels[count:]:
         panel.set_visible(False)
     for panel in panels[max(0, count - columns) : count]:

@@ -73,6 +73,7 @@ class Report:
             "elastic_energy": self.elastic(x),
             "potential_energy": float(-mass @ x @ gravity),
         }
+        found["total_energy"] = sum(found.values())
         for axis, p, L in zip("xyz", momentum, spin, strict=True):
             found[f"momentum_{axis}"], found[f"angular_momentum_{axis}"] = float(p), float(L)
         strain: Any = np.abs(self.strains(x)[0])

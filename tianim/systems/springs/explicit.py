@@ -1,7 +1,7 @@
 """Many short steps: each takes the forces of now.
 
     v' = v + h a(x, v),   x' = x + h [(1 - w) v + w v']        w 1, 0 or 1/2
-    velocity Verlet       v += h a / 2,  x += h v,  v += h a' / 2
+    velocity Verlet       x += h v + h^2 a / 2,  v += h (a + a') / 2,   a' = a(x', v + h a)
 
 w = 1 is symplectic Euler, which on a spring keeps E - h omega^2 x v / 2 exactly; w = 0 forward Euler, whose
 energy grows by 1 + (h omega)^2 a step; w = 1/2 is what lectures call the trapezoid rule, and constant
@@ -97,7 +97,7 @@ class ExplicitSolver:
         self._start: Any = ti.ndarray(ti.f64, (points.capacity if walls.any else 1, 3))
         self._a: Any = ti.ndarray(ti.f64, (points.capacity, 3))
         self._a.fill(0.0)
-        rooms = 4 if integrator == "rk4" else 0
+        rooms = {"rk4": 4, "velocity_verlet": 1}.get(integrator, 0)
         self._rooms: list[Any] = [ti.ndarray(ti.f64, (points.capacity, 3)) for _ in range(rooms)]
         self.longest = safety * longest_step(whole)
 
@@ -138,17 +138,17 @@ class ExplicitSolver:
             self._runge_kutta(dt)
         elif self._integrator == "velocity_verlet":
             self._accelerate()
-            kick(n, 0.5 * dt, self._a, points.v)
-            drift(n, dt, points.v, points.x)
-            self._accelerate()
-            kick(n, 0.5 * dt, self._a, points.v)
+            advance(n, dt, WEIGHTS["constant_acceleration"], self._a, points.x, points.v)
+            self._accelerate(self._rooms[0])
+            kick(n, -0.5 * dt, self._a, points.v)
+            kick(n, 0.5 * dt, self._rooms[0], points.v)
         else:
             self._accelerate()
             advance(n, dt, WEIGHTS[self._integrator], self._a, points.x, points.v)
 
-    def _accelerate(self) -> None:
-        p = self._points
-        accelerate(p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, self._a)
+    def _accelerate(self, into: Any = None) -> None:
+        p, a = self._points, self._a if into is None else into
+        accelerate(p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, a)
 
     def _runge_kutta(self, dt: float) -> None:
         p, n = self._points, self._points.count

@@ -37,8 +37,8 @@ from tianim.systems.springs.points import Points
 
 # The passes of an iteration.
 RESIDUAL, FORWARD, TOP, BACKWARD, TOUCH, PRESS = 0, 1, 2, 3, 4, 5
-# A single step of BDF2, implicit Euler with the factor of 2/3 of its step, comes 5/9 nearer an iteration where
-# inertia outweighs springs: so many times the iterations leave as little as of other steps.
+# A single step of BDF2, implicit Euler with the factor of 2/3 of its step, leaves 5/9 an iteration where
+# inertia outweighs springs: so many times the iterations leave as little as in other steps.
 SINGLE = 3
 # Steps are of one length that differ by less than this part of it; the factor is made for one rounded so.
 SAME, DIGITS = 1e-9, 9

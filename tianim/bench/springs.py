@@ -1,9 +1,8 @@
-"""Cloth: a sheet that hangs, one that swings, one that falls onto a sphere, and how well it holds its length.
+"""Cloth: a sheet that hangs, one that swings, one that falls onto a sphere, and how it holds its length.
 
 The scenes are those of the peers' scripts: a sheet of 1 m and 0.2 kg/m2, stretch 1000 N/m, no damping, 60
-frames a second. Time alone says little here, for what does not converge is fast: beside it stand the sag over
-the exact one, the largest strain of any edge at the end of any frame, and how deep points came into the sphere.
-
+frames a second. Time alone says little here, for what does not converge is fast: beside it stand the sag
+over the exact one, the largest strain of any edge in any frame, and how deep points came into the sphere.
 """
 
 import time

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tianim.errors import SceneError
 from tianim.math.rotations import from_euler, rotate
 from tianim.spatial.mesh_files import read_mesh
-from tianim.systems.springs.piece_params import Block, Fabric, MeshPiece, Network, Piece, Rope, Sheet
+from tianim.systems.springs.piece_params import Block, Fabric, MeshPiece, Network, Piece, Rope, Sheet, Strands
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -51,6 +51,7 @@ class Built:
     bending    Q, sparse (n, n) [N/m], None where nothing resists bending
     triangles  (m, 3) of its surface, empty where it is lines
     open_to_air  whether its triangles are a sheet that the air meets on both sides
+    chains     numbers of the points of each rope or strand, in order; empty for all else
     groups     numbers of points by a name that pins may use: "left", "first" ...
     data       per point, what frames show and never changes: "uv"
     """
@@ -62,6 +63,7 @@ class Built:
     bending: Any = None
     triangles: Ints = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     open_to_air: bool = False
+    chains: tuple[Ints, ...] = ()
     groups: Mapping[str, Ints] = field(default_factory=dict)
     data: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
 
@@ -134,7 +136,7 @@ def _sheet(piece: Sheet) -> Built:
     uv = np.stack([s.ravel(), t.ravel()], axis=1).astype(np.float32)
     return Built(
         x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending,
-        triangles.astype(np.int32), True, groups, {"uv": uv},
+        triangles.astype(np.int32), open_to_air=True, groups=groups, data={"uv": uv},
     )  # fmt: skip
 
 
@@ -191,7 +193,7 @@ def _mesh(piece: MeshPiece) -> Built:
     border = np.unique(ends[np.bincount(edge, minlength=len(ends)) == 1])
     return Built(
         x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending, triangles,
-        True, {"border": border.astype(np.int32)},
+        open_to_air=True, groups={"border": border.astype(np.int32)},
     )  # fmt: skip
 
 
@@ -243,7 +245,27 @@ def _rope(piece: Rope) -> Built:
         weight = np.full(len(triples), piece.bend / rest**3)
         bending = _energy(len(x), [(triples, np.array([1.0, -2.0, 1.0]), weight)])
     groups = {"first": line[:1], "last": line[-1:], "ends": line[[0, -1]]}
-    return Built(x, _moving(piece, x, mass), mass, springs, bending, groups=groups)
+    return Built(x, _moving(piece, x, mass), mass, springs, bending, chains=(line,), groups=groups)
+
+
+def _strands(piece: Strands) -> Built:
+    root, out = piece.roots()
+    each = piece.segments + 1
+    rest = piece.length / piece.segments
+    x = (root[:, None] + rest * np.arange(each)[None, :, None] * out[:, None]).reshape(-1, 3)
+    number = np.arange(len(x), dtype=np.int32).reshape(-1, each)
+    ends = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
+    share = np.ones(each)
+    share[[0, -1]] = 0.5
+    mass = np.tile(piece.density * rest * share, piece.count)
+    springs = _springs(x, ends, np.full(len(ends), piece.stretch / rest), piece.damping)
+    bending = None
+    if piece.bend > 0.0:
+        triples = np.stack([number[:, :-2], number[:, 1:-1], number[:, 2:]], axis=-1).reshape(-1, 3)
+        weight = np.full(len(triples), piece.bend / rest**3)
+        bending = _energy(len(x), [(triples, np.array([1.0, -2.0, 1.0]), weight)])
+    groups = {"roots": number[:, :2].ravel(), "tips": number[:, -1]}
+    return Built(x, _moving(piece, x, mass), mass, springs, bending, chains=tuple(number), groups=groups)
 
 
 def _block(piece: Block) -> Built:
@@ -325,4 +347,5 @@ _BUILDERS: dict[type[Piece], Callable[[Any], Built]] = {
     Rope: _rope,
     Block: _block,
     Network: _network,
+    Strands: _strands,
 }

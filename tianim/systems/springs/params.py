@@ -24,8 +24,8 @@ LONGEST_IMPLICIT = 1.0 / 120.0
 EXPLICIT_FROM = 1e-3
 # Bytes of a point, of a spring (both ways), and of the factor of a point.
 BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR = 260, 60, 700
-SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4}
-SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6}
+SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4}
+SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7}
 
 Integrator = Literal[
     "symplectic_euler", "velocity_verlet", "rk4", "forward_euler", "trapezoid", "constant_acceleration"
@@ -39,7 +39,7 @@ class Pick(Params):
     points: Annotated[str, Field(max_length=32)] | tuple[Index, ...] | None = Field(
         None,
         description="left, right, bottom, top and corners as left_top (sheets), left to front (blocks), "
-        "border (meshes), first, last, ends (ropes), all; or numbers of points",
+        "border (meshes), first, last, ends (ropes), roots, tips (strands), all; or numbers of points",
         examples=["left"],
     )
     lower: Vector3 | None = Field(None, description="corner of a box instead [m]")
@@ -148,11 +148,22 @@ class Projective(Params):
     iterations: Annotated[int, Field(ge=1, le=200)] = Field(5, description="of the global solve in a step")
 
 
+class StrandsSolver(Params):
+    """Of the solver `strands`."""
+
+    iterations: Annotated[int, Field(ge=1, le=50)] = Field(2, description="of Newton's method in a step")
+    strain_limit: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.01,
+        description="largest strain of a segment: what is left beyond after the iterations is taken away",
+    )
+
+
 class TimeStep(Params):
     """How long a step may be."""
 
     largest: Positive | None = Field(
-        None, description="largest step [s]; left out: as long as is stable, and 1/120 s for `projective`"
+        None,
+        description="largest step [s]; left out: as long as is stable, and 1/120 s where that is for ever",
     )
     most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         5000, description="steps that a frame may need; more stop the run and say why"
@@ -173,13 +184,15 @@ class SpringsParams(SystemParams):
     gravity: Animated[Vector3] = Field((0.0, -9.81, 0.0), description="acceleration of all points [m/s2]")
     air: Air = Field(Air(), description="wind and drag")
     contact: Contact = Field(Contact(), description="how bodies are touched")
-    solver: Literal["auto", "explicit", "projective"] = Field(
+    solver: Literal["auto", "explicit", "projective", "strands"] = Field(
         "auto",
         description="explicit: many short steps; projective: few long ones with a factor computed once; "
-        "auto: explicit where its steps may be a millisecond long",
+        "strands: each rope or hair solved directly; auto: strands where all pieces are, else explicit where "
+        "its steps may be a millisecond long, else projective",
     )
     explicit: Explicit = Field(Explicit(), description="of the solver explicit")
     projective: Projective = Field(Projective(), description="of the solver projective")
+    strands: StrandsSolver = Field(StrandsSolver(), description="of the solver strands")
     time_step: TimeStep = Field(TimeStep(), description="how long a step may be")
 
     def particle_count(self) -> int:
@@ -192,13 +205,13 @@ class SpringsParams(SystemParams):
 
     def memory_bytes(self) -> int:
         """State, rows of neighbours, and the factor."""
-        factor = 0 if self.solver == "explicit" else BYTES_OF_FACTOR
+        factor = 0 if self.solver in ("explicit", "strands") else BYTES_OF_FACTOR
         count = self.particle_count()
         return (BYTES_PER_POINT + factor) * count + BYTES_PER_SPRING * self.spring_count() + (1 << 20)
 
     def seconds_per_step(self) -> float:
         """From the benchmark's figures."""
-        solver = "explicit" if self.solver == "explicit" else "projective"
+        solver = "projective" if self.solver == "auto" else self.solver
         return SECONDS_PER_STEP[solver] + SECONDS_PER_POINT[solver] * self.particle_count()
 
     def largest_step(self) -> float:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
@@ -25,7 +26,10 @@ from tianim.errors import SceneError
 from tianim.params import Direction, NonNegative, Params, Positive, Positive3, ScenePath, Vector3
 from tianim.spatial.mesh_files import MESH_SUFFIXES, read_mesh
 
+Floats = NDArray[np.float64]
+
 ORIGIN = (0.0, 0.0, 0.0)
+GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
 MOST_SEGMENTS = 4096
 # Directions count as at right angles within this cosine.
 SQUARE = 1e-6
@@ -161,6 +165,52 @@ class Rope(Piece):
         return self.segments
 
 
+class Strands(Piece):
+    """Straight strands that stand on the cap of a sphere: hair, grass, fur.
+
+    Their roots are spread evenly (Fibonacci's spiral). To hold them, pin the group `roots`, the first two
+    points of each, to the body that they grow on.
+    """
+
+    kind: Literal["strands"] = "strands"
+    count: Annotated[int, Field(ge=1, le=1_000_000)] = Field(2000, description="number of strands")
+    segments: Annotated[int, Field(ge=2, le=MOST_SEGMENTS)] = Field(31, description="of each strand")
+    length: Positive = Field(0.3, description="of each strand [m]")
+    centre: Vector3 = Field(ORIGIN, description="centre of the sphere [m]")
+    radius: Positive = Field(0.1, description="radius of the sphere [m]")
+    axis: Direction = Field((0.0, 1.0, 0.0), description="to the middle of the cap, any length but zero")
+    angle: Annotated[float, Field(gt=0, le=180)] = Field(
+        100.0, description="from the axis to the border of the cap [deg]"
+    )
+    density: Positive = Field(1e-4, description="mass per length [kg/m]; one hair 1e-5")
+    stretch: Positive = Field(10.0, description="force over strain, EA [N]")
+    bend: NonNegative = Field(1e-8, description="moment over curvature, EI [N m2]")
+    damping: Damping = Field(1e-3, description="internal damping of its springs, as a time [s]")
+
+    def roots(self) -> tuple[Floats, Floats]:
+        """Roots and the direction of each strand, (count, 3)."""
+        k = np.arange(self.count) + 0.5
+        height = 1.0 - (1.0 - math.cos(math.radians(self.angle))) * k / self.count
+        turn = GOLDEN_ANGLE * k
+        flat = np.sqrt(np.maximum(1.0 - height**2, 0.0))
+        up = np.array(self.axis) / np.linalg.norm(self.axis)
+        side = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
+        side /= np.linalg.norm(side)
+        other = np.cross(up, side)
+        out = height[:, None] * up + flat[:, None] * (
+            np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * other
+        )
+        return np.array(self.centre) + self.radius * out, out
+
+    def point_count(self) -> int:
+        """Ends of all segments."""
+        return self.count * (self.segments + 1)
+
+    def spring_count(self) -> int:
+        """Segments."""
+        return self.count * self.segments
+
+
 class Block(Piece):
     """A box of cubic cells with springs along edges and face diagonals: jelly.
 
@@ -245,7 +295,7 @@ class Network(Piece):
         return len(self.springs)
 
 
-PieceParams = Annotated[Sheet | MeshPiece | Rope | Block | Network, Field(discriminator="kind")]
+PieceParams = Annotated[Sheet | MeshPiece | Rope | Strands | Block | Network, Field(discriminator="kind")]
 
 
 def check_sheet(path: Path) -> None:

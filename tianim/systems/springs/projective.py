@@ -46,11 +46,13 @@ SAME, DIGITS = 1e-9, 9
 
 @ti.kernel
 def predict(
-    n: ti.i32, dt: ti.f64, b: ti.f64, two: ti.i32, inverse_mass: f64_1d, external: f64_2d, x: f64_2d,
-    v: f64_2d, touched: i32_1d, x_before: f64_2d, v_before: f64_2d, base: f64_2d, y: f64_2d,
+    n: ti.i32, dt: ti.f64, b: ti.f64, two: ti.i32, single: ti.i32, inverse_mass: f64_1d, external: f64_2d,
+    x: f64_2d, v: f64_2d, touched: i32_1d, x_before: f64_2d, v_before: f64_2d, base: f64_2d, y: f64_2d,
 ):  # fmt: skip
-    """Base X, inertial place y, and x = y as the first guess; `two` steps are remembered or one.
+    """Base X, inertial place y, and a first guess of x; `two` steps are remembered or one.
 
+    The guess goes on with v, so that what rests is its own solution and stays, however few iterations there
+    are. Where the factor is not of this step (`single`) it is y, for inertia is what converges slowly there.
     Points that are held go with their velocity. Those that touched something count as if they had always gone
     as they do: two steps would throw them back.
     """
@@ -69,7 +71,7 @@ def predict(
                 y[i, c] = x[i, c] + dt * v[i, c]
                 X = y[i, c] - b * v[i, c]
             base[i, c] = X
-            x[i, c] = y[i, c]
+            x[i, c] = ti.select(single == 1 or inverse_mass[i] == 0.0, y[i, c], x[i, c] + dt * v[i, c])
 
 
 @ti.kernel
@@ -229,15 +231,16 @@ class ProjectiveSolver:
         points, n = self._points, self._points.count
         two = self._two_steps and abs(dt - self._last_dt) < SAME * dt
         b = 2.0 * dt / 3.0 if two else dt
+        single = self._two_steps and not two
         factor = self._factor_for(2.0 * dt / 3.0 if self._two_steps else dt)
         predict(
-            n, dt, b, int(two), points.inverse_mass, points.external, points.x, points.v, self._touched,
-            self._x_before, self._v_before, self._base, self._y,
+            n, dt, b, int(two), int(single), points.inverse_mass, points.external, points.x, points.v,
+            self._touched, self._x_before, self._v_before, self._base, self._y,
         )  # fmt: skip
         if self._walls.any:
             begin_from(n, self._force, self._applied)
         self._crew.begin()
-        turns = self._passes * self._iterations * (SINGLE if self._two_steps and not two else 1)
+        turns = self._passes * self._iterations * (SINGLE if single else 1)
         at_once = self._passes * (MOST_TURNS // self._passes) if self._crew.works else 1
         for first in range(0, turns, at_once):
             if first and self._crew.works:

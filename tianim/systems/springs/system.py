@@ -28,6 +28,7 @@ from tianim.systems.springs.pins import Pins
 from tianim.systems.springs.points import Points, push, set_external
 from tianim.systems.springs.projective import ProjectiveSolver
 from tianim.systems.springs.report import Report
+from tianim.systems.springs.strands import StrandSolver
 
 LOG = logging.getLogger("tianim")
 
@@ -57,10 +58,18 @@ class SpringSystem:
             self.whole, self.points, walls, params.explicit.integrator, params.explicit.safety
         )
         chosen = params.solver
+        chains = not params.stitches and all(piece.chains for piece in self.whole.pieces.values())
+        if chosen == "strands" and not chains:
+            raise SceneError("solver: strands is for ropes and strands alone, without stitches")
         if chosen == "auto":
             chosen = "explicit" if explicit.longest >= EXPLICIT_FROM else "projective"
+            chosen = "strands" if chains else chosen
             LOG.info("%s: solver %s (explicit steps would be %.3g s)", name, chosen, explicit.longest)
-        self.solver: ExplicitSolver | ProjectiveSolver = explicit
+        self.solver: ExplicitSolver | ProjectiveSolver | StrandSolver = explicit
+        if chosen == "strands":
+            self.solver = StrandSolver(
+                self.whole, self.points, walls, params.strands.iterations, params.strands.strain_limit
+            )
         if chosen == "projective":
             self.solver = ProjectiveSolver(
                 self.whole, self.points, walls, params.projective.scheme, params.projective.iterations

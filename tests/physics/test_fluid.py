@@ -17,6 +17,7 @@ SHORT = {
     "column of 80 layers, pbf, 4 s: largest speed over sqrt(g H)": (0.2, "it hops"),
     "Taylor-Green, Re 100, 40 across, pbf: error of the decay": (100.0, "it loses its whirls"),
     "Taylor-Green, Re 100, 40 across, wcsph: error of the decay": (65.0, "it loses its whirls"),
+    "dam break: front at T = 1.212, a = 1.125 in": (0.015, "the readings of the two flumes differ by 0.22"),
     "two drops collide, pbf: drift of the angular momentum": (0.0075, "pushes of predicted places"),
     "a drop at rest, 10 in its radius, 2D: pressure over Laplace's": (0.13, "as its particles happen to lie"),
     "a drop at rest, 8 in its radius, 3D: pressure over Laplace's": (0.53, "the layer presses too"),

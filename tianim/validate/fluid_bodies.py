@@ -132,12 +132,14 @@ def exchange(method: str) -> float:
     return float((light.mean() - heavy.mean()) / 0.2)
 
 
+# Of the buoyancies, those that run with every test: the others take minutes together.
+QUICK = (("dfsph", "disc", 0.5), ("pbf", "box", 0.5))
 CASES: tuple[Case, ...] = (
     *(
         Case(
             "fluid", f"buoyancy of a {shape}, density ratio {ratio:g}, {method}: force over the weight",
             partial(lift, shape, ratio, method), 1.0, BUOYANCY, tolerance=0.05,
-            slow=method == "wcsph" or (method != "dfsph" and shape == "disc"),
+            slow=(method, shape, ratio) not in QUICK,
         )
         for method in METHODS
         for shape in BODY
@@ -147,7 +149,7 @@ CASES: tuple[Case, ...] = (
         Case(
             "fluid", f"tank shaken for {until:g} s, {dimension}D, {method}: {name}",
             partial(_slosh, method, dimension, until, which), limit, "exact", comparison="below",
-            slow=until > 2.0,
+            slow=until > 2.0 or method == "wcsph",
         )
         for until, dimension in ((2.0, 2), (20.0, 2), (20.0, 3))
         for method in (METHODS if dimension == 2 else ("dfsph", "pbf"))

@@ -170,12 +170,13 @@ CASES: tuple[Case, ...] = (
         "fluid", "standing wave of nu = 0.02 m2/s, 30 along, dfsph: rate of decay",
         partial(_wave, "dfsph", 30, THICK_WATER, "rate"), 2.0 * THICK_WATER * (np.pi / LENGTH) ** 2,
         "theory: Lamb 1932, 2 nu k^2", tolerance=0.08 * 2.0 * THICK_WATER * np.pi**2, unit="1/s",
+        slow=True,
     ),
     *(
         Case(
             "fluid", f"{name}, {ACROSS} across, {method}: error of the profile",
             partial(channel, name, method), 2.0, CHANNEL_SOURCE, comparison="below", unit="%",
-            slow=method != "dfsph",
+            slow=method != "dfsph" or name == "couette",
         )
         for method in METHODS
         for name in ("poiseuille", "couette")

@@ -156,8 +156,22 @@ def _stitched(whole: Assembly, params: SpringsParams) -> Assembly:
     )
 
 
-def rows_of(whole: Assembly) -> tuple[Ints, Ints, NDArray[np.float32]]:
-    """Start of each row (n + 1,), neighbours (e,) and coefficients (e, 4)."""
+@dataclass(frozen=True)
+class Rows:
+    """Start of each row (n + 1,), neighbours (e,), coefficients (e, 4).
+
+    entry, back_entry  (s,) where each spring stands in the row of its first and of its second point
+    """
+
+    start: Ints
+    neighbour: Ints
+    coefficient: NDArray[np.float32]
+    entry: Ints
+    back_entry: Ints
+
+
+def rows_of(whole: Assembly) -> Rows:
+    """The rows of all points."""
     n, springs = whole.count, whole.springs
     a, b = springs.ends.T.astype(np.int64)
     i, j = np.concatenate([a, b]), np.concatenate([b, a])
@@ -166,6 +180,7 @@ def rows_of(whole: Assembly) -> tuple[Ints, Ints, NDArray[np.float32]]:
     code = i * n + j
     order = np.argsort(code, kind="stable")
     code, values = code[order], values[order]
+    at_entry = np.argsort(order)
     if whole.bending is not None:
         Q = whole.bending.tocoo()
         off = (Q.row != Q.col) & (Q.data != 0.0)
@@ -179,8 +194,10 @@ def rows_of(whole: Assembly) -> tuple[Ints, Ints, NDArray[np.float32]]:
         code, values = np.concatenate([code, wanted[~known]]), np.concatenate([values, extra])
         order = np.argsort(code, kind="stable")
         code, values = code[order], values[order]
+        at_entry = np.argsort(order)[at_entry]
     start = np.searchsorted(code, np.arange(n + 1, dtype=np.int64) * n).astype(np.int32)
-    return start, (code % n).astype(np.int32), values.astype(np.float32)
+    entry, back_entry = np.split(at_entry.astype(np.int32), 2)
+    return Rows(start, (code % n).astype(np.int32), values.astype(np.float32), entry, back_entry)
 
 
 def implicit_matrix(whole: Assembly, held: NDArray[np.bool_], dt: float) -> Any:

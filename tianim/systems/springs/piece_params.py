@@ -47,6 +47,16 @@ class Piece(Params):
         ORIGIN, description="angular velocity about its centre of mass at the start [rad/s]"
     )
 
+    yield_strain: Positive | None = Field(
+        None, description="beyond this strain a spring stays longer or shorter; left out: it never does"
+    )
+    tear_strain: Positive | None = Field(
+        None, description="beyond this strain a spring tears; left out: it never does"
+    )
+    strain_limit: Positive | None = Field(
+        None, description="no spring is stretched beyond this strain; left out: as its stiffness lets it"
+    )
+
     def point_count(self) -> int:
         """Points that it will have."""
         raise NotImplementedError

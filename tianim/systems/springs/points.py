@@ -63,6 +63,7 @@ class Points:
     external      (capacity, 3) float64, accelerations beside the springs' [m/s2]
     inverse_mass  (capacity,) float64 [1/kg], 0 where a point is held
     start, neighbour, row  see assembly.py
+    entry, back_entry      see `Rows`
     weight        size of gravity now [m/s2]
     """
 
@@ -72,7 +73,9 @@ class Points:
         self.mass = whole.mass
         self.x, self.v, self.external = (ti.ndarray(ti.f64, (self.capacity, 3)) for _ in range(3))
         self.inverse_mass: Any = ti.ndarray(ti.f64, self.capacity)
-        start, neighbour, row = rows_of(whole)
+        rows = rows_of(whole)
+        start, neighbour, row = rows.start, rows.neighbour, rows.coefficient
+        self.entry, self.back_entry = rows.entry, rows.back_entry
         self.start: Any = ti.ndarray(ti.i32, n + 1)
         self.neighbour: Any = ti.ndarray(ti.i32, max(len(neighbour), 1))
         self.row: Any = ti.ndarray(ti.f32, (max(len(neighbour), 1), 4))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.limits import Limits
 from tianim.systems.springs.params import SpringsParams
 
 Floats = NDArray[np.float64]
@@ -14,8 +15,8 @@ Floats = NDArray[np.float64]
 class Report:
     """Measures one system's points."""
 
-    def __init__(self, whole: Assembly, params: SpringsParams) -> None:
-        self._whole, self._params = whole, params
+    def __init__(self, whole: Assembly, params: SpringsParams, limits: Limits) -> None:
+        self._whole, self._params, self._limits = whole, params, limits
         counts = [len(piece.springs.ends) for piece in whole.pieces.values()]
         ends = np.cumsum([0, *counts])
         self._spans = {
@@ -28,12 +29,26 @@ class Report:
 
     def strains(self, x: Floats) -> tuple[Floats, Floats]:
         """Strain (length over rest length - 1; 0 where that is 0) and tension [N] of each spring."""
-        springs = self._whole.springs
+        springs = self._limits.springs()
         a, b = springs.ends.T
         length = np.linalg.norm(x[b] - x[a], axis=1)
         rest = springs.rest_length
         strain = np.divide(length, rest, out=np.ones_like(length), where=rest > 0.0) - 1.0
+        strain[springs.stiffness == 0.0] = 0.0  # torn
         return strain, springs.stiffness * (length - rest)
+
+    def whole_triangles(self, piece: str) -> NDArray[np.int32]:
+        """The triangles of a piece without those that have a torn edge."""
+        built = self._whole.pieces[piece]
+        if not self._limits.weakens:
+            return built.triangles
+        torn = self._limits.springs().stiffness[self.span(piece)] == 0.0
+        if not torn.any():
+            return built.triangles
+        count = len(built.mass)
+        gone = np.sort(built.springs.ends[torn], axis=1) @ np.array([count, 1])
+        edges = np.sort(built.triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2) @ np.array([count, 1])
+        return built.triangles[~np.isin(edges, gone).any(axis=1)]
 
     def of_points(self, piece: str, strain: Floats, count: int) -> NDArray[np.float32]:
         """The largest strain of the springs at each point of a piece, without its sign."""
@@ -45,16 +60,10 @@ class Report:
 
     def elastic(self, x: Floats) -> float:
         """Energy of all springs and of bending [J]."""
-        strain_energy = (
-            0.5
-            * self._whole.springs.stiffness
-            @ (
-                np.linalg.norm(x[self._whole.springs.ends[:, 1]] - x[self._whole.springs.ends[:, 0]], axis=1)
-                - self._whole.springs.rest_length
-            )
-            ** 2
-        )
-        return float(strain_energy) + self.bending(x)
+        springs = self._limits.springs()
+        a, b = springs.ends.T
+        longer = np.linalg.norm(x[b] - x[a], axis=1) - springs.rest_length
+        return float(0.5 * springs.stiffness @ longer**2) + self.bending(x)
 
     def bending(self, x: Floats) -> float:
         """Energy of bending [J]."""
@@ -78,5 +87,7 @@ class Report:
             found[f"momentum_{axis}"], found[f"angular_momentum_{axis}"] = float(p), float(L)
         strain: Any = np.abs(self.strains(x)[0])
         found["strain_max"] = float(strain.max()) if len(strain) else 0.0
+        if self._limits.weakens:
+            found["torn"] = float((self._limits.springs().stiffness == 0.0).sum())
         found["strain_mean"] = float(strain.mean()) if len(strain) else 0.0
         return found

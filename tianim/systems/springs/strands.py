@@ -2,16 +2,16 @@
 
     (M / b^2 + H) dx = r,     H_s = (k + c / b) n n^T + |T| / |d| (I - n n^T)
 
-r is the same as in `projective.py`, with the b and X of implicit Euler. A strand couples each point to two before
-it, the second through bending alone, so that the matrix is a band of 3 x 3 blocks, and L D L^T of it is one walk
-along the strand and one back, in float64: stiffness over inertia may be a million. A chain of any stiffness is as
-long as it should be after two or three iterations (Baraff and Witkin 1998, doi:10.1145/280814.280821), where
-relaxing spring by spring takes as many as it has points.
+r is the same as in `projective.py`, with the b and X of implicit Euler. A strand couples each point to two
+before it, the second through bending alone, so that the matrix is a band of 3 x 3 blocks, and L D L^T of it
+is one walk along the strand and one back, in float64: stiffness over inertia may be a million. A chain of
+any stiffness is as long as it should be after two or three iterations (Baraff and Witkin 1998,
+doi:10.1145/280814.280821), where relaxing spring by spring takes as many as it has points.
 
-T is the tension that the linear equations of the iteration before left in a spring: k (|d| - l) of a stiff one
-would be wrong by far until it has its length, and hold the strand stiff across. What is pressed together counts as
-stiff across, not as the negative that it is, and no segment turns far in an iteration: so a strand that stands on
-its head buckles, and does not burst.
+T is the tension that the linear equations of the iteration before left in a spring: k (|d| - l) of a stiff
+one would be wrong by far until it has its length, and hold the strand stiff across. What is pressed together
+counts as stiff across, not as the negative that it is, and no segment turns far in an iteration: so a strand
+that stands on its head buckles, and does not burst.
 
 Contact is part of the same equations: a point that is too near is pushed by `PRESSED` times its springs'
 stiffness times what it lacks, and held by friction until that slides.
@@ -76,10 +76,10 @@ def start_step(
 
 @ti.kernel
 def newton(
-    touching: ti.template(), strands: ti.i32, iterations: ti.i32, limit: ti.f64, b: ti.f64, first: i32_1d, start: i32_1d,
-    neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
-    band: f64_2d, z: f64_2d, tension: f64_1d, thickness: ti.f32, table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d,
-    friction: f32_1d,
+    touching: ti.template(), strands: ti.i32, iterations: ti.i32, limit: ti.f64, b: ti.f64,
+    first: i32_1d, start: i32_1d, neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
+    band: f64_2d, z: f64_2d, tension: f64_1d, thickness: ti.f32, table: f32_2d,
+    samples: f32_1d, count: ti.i32, bounds: f32_2d, friction: f32_1d,
 ):  # fmt: skip
     """All iterations of each strand, and the velocities that come of it."""
     for strand in range(strands):
@@ -244,9 +244,9 @@ class StrandSolver:
         p, walls = self._points, self._walls
         start_step(p.count, dt, p.inverse_mass, p.external, p.x, p.v, self._base, self._y)
         newton(
-            walls.any, self._count, self._iterations, self._limit, dt, self._first, p.start, p.neighbour, p.row,
-            p.inverse_mass, self._base, self._y, p.x, p.v, self._band, self._z, self._tension, walls.thickness,
-            walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds, walls.friction,
+            walls.any, self._count, self._iterations, self._limit, dt, self._first, p.start, p.neighbour,
+            p.row, p.inverse_mass, self._base, self._y, p.x, p.v, self._band, self._z, self._tension,
+            walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds, walls.friction,
         )  # fmt: skip
 
     def forget(self) -> None:

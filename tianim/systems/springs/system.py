@@ -23,6 +23,7 @@ from tianim.systems.springs.air import Sails
 from tianim.systems.springs.assembly import assemble
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.explicit import ExplicitSolver
+from tianim.systems.springs.limits import Limits
 from tianim.systems.springs.params import EXPLICIT_FROM, SpringsParams
 from tianim.systems.springs.pins import Pins
 from tianim.systems.springs.points import Points, push, set_external
@@ -75,7 +76,8 @@ class SpringSystem:
                 self.whole, self.points, walls, params.projective.scheme, params.projective.iterations
             )
         self.sails = Sails(self.whole, world.seed)
-        self.report = Report(self.whole, params)
+        self.limits = Limits(params, self.whole, self.points)
+        self.report = Report(self.whole, params, self.limits)
         self._time = 0.0
 
     @staticmethod
@@ -85,9 +87,18 @@ class SpringSystem:
         return array
 
     def max_step(self) -> float:
-        """Largest step [s]: what is stable, what is asked for, and to when a pin comes or goes."""
-        longest = min(self.solver.longest, self.params.largest_step())
-        return longest
+        """Largest step [s]: what is stable, or what is asked for."""
+        return min(self.solver.longest, self.params.largest_step())
+
+    def check_substeps(self, substeps: int) -> None:
+        """SceneError where a frame needs more steps than it may."""
+        allowed = self.params.time_step.most_substeps
+        if substeps > allowed:
+            raise SceneError(
+                f"{self.name}: a frame would need {substeps:,} substeps, of {self.max_step():.3g} s (the "
+                f"{self.solver.name} solver), more than time_step.most_substeps, {allowed:,}: softer "
+                "springs, heavier or fewer points, solver: projective, or a larger most_substeps"
+            )
 
     def step(self, time: float, dt: float) -> None:
         """Go on from `time` [s] by `dt` [s]."""
@@ -97,6 +108,7 @@ class SpringSystem:
             self.solver.hold(self.pins.held)
         self.solver.step(time, dt)
         self.pins.settle(points)
+        self.limits.apply(dt)
         self._time = time + dt
 
     def _force(self, time: float) -> None:
@@ -132,7 +144,7 @@ class SpringSystem:
             if len(piece.triangles):
                 if strain is not None and wants("strain"):
                     data["strain"] = self.report.of_points(key, strain[springs], len(piece.mass))
-                parts.append(Mesh(name, position, piece.triangles, data, units=_units(data)))
+                parts.append(Mesh(name, position, self.report.whole_triangles(key), data, units=_units(data)))
                 continue
             cells: dict[str, NDArray[Any]] = {}
             if strain is not None and tension is not None:
@@ -164,7 +176,7 @@ class SpringSystem:
         points = self.points
         own = {"position": points.read(points.x), "velocity": points.read(points.v)}
         own["time"] = np.array([self._time])
-        return own | self.solver.state() | self.pins.state()
+        return own | self.solver.state() | self.pins.state() | self.limits.state()
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
@@ -175,6 +187,7 @@ class SpringSystem:
         self.pins.restore(state, points)
         self.solver.hold(self.pins.held)
         self.solver.restore(state)
+        self.limits.restore(state)
 
     def arrays(self) -> tuple[str, ...]:
         """Places and velocities can be set, mass can only be read."""

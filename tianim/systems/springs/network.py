@@ -198,7 +198,11 @@ def _mesh(piece: MeshPiece) -> Built:
 
 
 def _mesh_bending(piece: Fabric, x: Floats, triangles: Ints, area: Floats, edge: Ints, edges: int) -> Any:
-    """B/2 integral(Laplacian^2) over pairs of triangles that share an edge, each 3 / (their area)."""
+    """B/2 integral(curvature^2) by the Laplacians of pairs of triangles that share an edge.
+
+    A pair sees what bends across its edge, (k_tt - 3 k_nn)^2, whose mean over the edges of equilateral
+    triangles is 3 (k1^2 + k2^2) - 2 k1 k2. A third of Bergou's weight gives a cylinder B/2 k^2.
+    """
     corner = x[triangles]
     order = np.argsort(edge, kind="stable")
     first = np.flatnonzero(np.diff(edge[order], prepend=-1))
@@ -223,7 +227,7 @@ def _mesh_bending(piece: Fabric, x: Floats, triangles: Ints, area: Floats, edge:
     cot_a2, cot_b2 = np.where(same, cot2, cot2[::-1])
     points = np.stack([a, b, triangles[tri1, one % 3], triangles[tri2, two % 3]], axis=1)
     coefficients = np.stack([cot_b1 + cot_b2, cot_a1 + cot_a2, -cot_a1 - cot_b1, -cot_a2 - cot_b2], axis=1)
-    weight = 3.0 * piece.bend / (area[tri1] + area[tri2])
+    weight = piece.bend / (area[tri1] + area[tri2])
     return _energy(len(x), [(points, coefficients, weight)])
 
 

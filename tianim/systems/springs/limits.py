@@ -2,12 +2,12 @@
 
     yield   |e| > e_y:  l := |d| / (1 +- e_y), so that the strain is e_y again, with a new rest length
     tear    e > e_t:    the spring is gone
-    limit   e > e_l:    its points move together to e_l, each by its share of 1 / m (Provot 1995,
+    limit   e > e_l:    its points move together, within e_l, each by its share of 1 / m (Provot 1995,
                         "Deformation constraints in a mass-spring model to describe rigid cloth behavior")
 
 The first two are looked at after each step. They only ever weaken the springs, so that the implicit solver's
 matrix stays above them and need not be factored again. The limit goes through all springs in order, until
-none is beyond it, SWEEPS times at most; velocities get what places got.
+it finds none beyond, SWEEPS times at most; velocities get what places got.
 
 Limits: bending across a tear remains; of a sheet, triangles with a torn edge are no longer shown.
 """
@@ -23,9 +23,9 @@ from tianim.systems.springs.network import Springs
 from tianim.systems.springs.params import SpringsParams
 from tianim.systems.springs.points import Points
 
-SWEEPS = 100
-# A sweep that leaves no spring beyond the limit by more than this part of its length is the last.
-NEAR = 1e-4
+SWEEPS = 300
+# Springs beyond the limit are taken to this part of it, so that a sweep may find none and be the last.
+INSIDE = 0.95
 NEVER = 1e30
 
 
@@ -51,27 +51,27 @@ def give_way(
 
 @ti.kernel
 def hold_together(
-    count: ti.i32, dt: ti.f64, sweeps: ti.i32, near: ti.f64, ends: i32_2d, entry: i32_1d, limit: f32_1d,
+    count: ti.i32, dt: ti.f64, sweeps: ti.i32, inside: ti.f64, ends: i32_2d, entry: i32_1d, limit: f32_1d,
     row: f32_2d, inverse_mass: f64_1d, x: f64_2d, v: f64_2d,
 ) -> ti.i32:  # fmt: skip
     """Shorten what is beyond its limit, spring by spring; sweeps that it took."""
     used = 0
     ti.loop_config(serialize=True)
     for _ in range(1):
-        worst = 1.0 + near
-        while worst > near and used < sweeps:
-            worst = 0.0
+        moved = 1
+        while moved > 0 and used < sweeps:
+            moved = 0
             used += 1
             for s in range(count):
                 a, b = ends[s, 0], ends[s, 1]
-                most = ti.cast(row[entry[s], 1], ti.f64) * (1.0 + limit[s])
+                rest = ti.cast(row[entry[s], 1], ti.f64)
                 wa, wb = inverse_mass[a], inverse_mass[b]
                 if row[entry[s], 0] > 0.0 and wa + wb > 0.0:
                     d = ti.Vector([x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]])
                     length = d.norm()
-                    if length > most:
-                        worst = ti.max(worst, length / most - 1.0)
-                        move = (1.0 - most / length) / (wa + wb) * d
+                    if length > rest * (1.0 + limit[s]):
+                        moved = 1
+                        move = (1.0 - rest * (1.0 + inside * limit[s]) / length) / (wa + wb) * d
                         for c in ti.static(range(3)):
                             x[a, c] = x[a, c] + wa * move[c]
                             v[a, c] = v[a, c] + wa * move[c] / dt
@@ -113,7 +113,7 @@ class Limits:
         p = self._points
         if len(self._held):
             hold_together(
-                len(self._held), dt, SWEEPS, NEAR, self._ends, self._entry, self._limits, p.row,
+                len(self._held), dt, SWEEPS, INSIDE, self._ends, self._entry, self._limits, p.row,
                 p.inverse_mass, p.x, p.v,
             )  # fmt: skip
         if self.weakens:

@@ -77,7 +77,8 @@ def start_step(
 @ti.kernel
 def newton(
     touching: ti.template(), strands: ti.i32, iterations: ti.i32, limit: ti.f64, b: ti.f64,
-    first: i32_1d, start: i32_1d, neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
+    first: i32_1d, start: i32_1d, neighbour: i32_1d,
+    row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
     band: f64_2d, z: f64_2d, tension: f64_1d, thickness: ti.f32, table: f32_2d,
     samples: f32_1d, count: ti.i32, bounds: f32_2d, friction: f32_1d,
 ):  # fmt: skip
@@ -246,7 +247,8 @@ class StrandSolver:
         newton(
             walls.any, self._count, self._iterations, self._limit, dt, self._first, p.start, p.neighbour,
             p.row, p.inverse_mass, self._base, self._y, p.x, p.v, self._band, self._z, self._tension,
-            walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds, walls.friction,
+            walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
+            walls.friction,
         )  # fmt: skip
 
     def forget(self) -> None:

@@ -116,8 +116,8 @@ def _draw(across: Column, label: str, shown: Mapping[str, Column], out: Path) ->
     if first is not None:
         handles, labels = panels[first].get_legend_handles_labels()
         figure.legend(
-            handles, labels, loc="outside upper center", ncols=len(labels), fontsize=14, frameon=False,
-            labelcolor="linecolor",
+            handles, labels, loc="outside upper center", ncols=min(len(labels), columns + 1), fontsize=14,
+            frameon=False, labelcolor="linecolor",
         )  # fmt: skip
     for panel in panels[count:]:
         panel.set_visible(False)

@@ -66,11 +66,49 @@ class _FileData:
     faces: NDArray[np.int32]
     kept: NDArray[np.int64]
     mesh: TriangleData
+    place: NDArray[np.int64]
+    uv: NDArray[np.float32] | None
 
 
 def read_mesh(path: Path) -> TriangleData:
     """The triangles of a mesh file. SceneError names what is wrong with it."""
     return _cached(path).mesh
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A mesh as its file has it: `place` (n,) of each point among the vertices of `read_mesh`.
+
+    triangles (m, 3) of the file's points, those of `read_mesh` in the same order; uv (n, 2), None without
+    """
+
+    place: NDArray[np.int64]
+    triangles: NDArray[np.int32]
+    uv: NDArray[np.float32] | None
+
+
+def read_shown(path: Path) -> Shown:
+    """Points, triangles and texture coordinates in the order of the file."""
+    data = _cached(path)
+    a, b, c = data.place[data.faces].T
+    return Shown(data.place, data.faces[(a != b) & (b != c) & (c != a)], data.uv)
+
+
+def painted_values(path: Path, name: str) -> Floats:
+    """A number that a ply file has for each point, at the vertices of `read_mesh`. SceneError without it."""
+    data = _cached(path)
+    import meshio
+
+    fields = {} if path.suffix.lower() != ".ply" else meshio.read(path).point_data
+    known = sorted(field for field, values in fields.items() if np.ndim(values) == 1)
+    if name not in known:
+        raise SceneError(
+            f"{path}: has no {name!r} painted on its points; it has {', '.join(known) or 'none'}"
+        )
+    values = np.asarray(fields[name], np.float64)
+    if not np.isfinite(values).all():
+        raise SceneError(f"{path}: {name} is not finite at point {int(np.argmin(np.isfinite(values)))}")
+    return np.asarray(values[data.kept])
 
 
 def read_key(path: Path, first: Path) -> TriangleData:
@@ -115,10 +153,11 @@ def _read(path: Path, stamp: int) -> _FileData:
         raise SceneError(f"{path}: holds coordinates that are not finite or beyond {LARGE:g}")
     if faces.min() < 0 or faces.max() >= len(points):
         raise SceneError(f"{path}: a triangle names a point that is not there")
-    return _join(points, faces, path)
+    uv = getattr(mesh.visual, "uv", None)
+    return _join(points, faces, path, None if uv is None else np.array(uv, np.float32))
 
 
-def _join(points: Floats, faces: NDArray[np.int32], path: Path) -> _FileData:
+def _join(points: Floats, faces: NDArray[np.int32], path: Path, uv: NDArray[np.float32] | None) -> _FileData:
     """One point a place, and no triangle that names a place twice."""
     vertices, kept, place = np.unique(points, axis=0, return_index=True, return_inverse=True)
     triangles = place.reshape(-1)[faces].astype(np.int32)
@@ -126,4 +165,4 @@ def _join(points: Floats, faces: NDArray[np.int32], path: Path) -> _FileData:
     triangles = triangles[(a != b) & (b != c) & (c != a)]
     if len(triangles) == 0:
         raise SceneError(f"{path}: all triangles are points or lines")
-    return _FileData(points, faces, kept, TriangleData(vertices, triangles))
+    return _FileData(points, faces, kept, TriangleData(vertices, triangles), place.reshape(-1), uv)

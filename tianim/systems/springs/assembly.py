@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tianim.errors import SceneError
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_1d, ti
-from tianim.systems.springs.network import Built, Springs, build_piece
+from tianim.systems.springs.network import Built, Hinges, Springs, build_piece, hinge_gradients
 from tianim.systems.springs.params import Pick, SpringsParams
 
 Floats = NDArray[np.float64]
@@ -43,6 +43,7 @@ class Assembly:
     position, velocity (n, 3), mass (n,)
     springs  of all pieces, and the stitches
     bending  Q, sparse (n, n) [N/m], None where nothing resists bending
+    hinges   of all networks
     """
 
     first: Mapping[str, int]
@@ -52,6 +53,7 @@ class Assembly:
     mass: Floats
     springs: Springs
     bending: Any
+    hinges: Hinges
 
     @property
     def count(self) -> int:
@@ -95,6 +97,9 @@ class Assembly:
         for ends in (a, b):
             np.add.at(total, ends, pull)
         stiff = 2.0 * np.linalg.eigvalsh(total)[:, -1]
+        for hinge, slopes in enumerate(hinge_gradients(x, self.hinges.points)):
+            size = np.linalg.norm(slopes, axis=1)
+            np.add.at(stiff, self.hinges.points[hinge], self.hinges.stiffness[hinge] * size * size.sum())
         if self.bending is not None:
             stiff += np.asarray(abs(self.bending).sum(axis=1)).ravel()
         return np.asarray(stiff / self.mass)
@@ -129,7 +134,16 @@ def assemble(params: SpringsParams) -> Assembly:
             for name in ("stiffness", "rest_length", "damping")
         ),
     )  # fmt: skip
-    whole = Assembly(first, pieces, joined("position"), joined("velocity"), joined("mass"), springs, bending)
+    parts = [(first[name], piece.hinges) for name, piece in pieces.items()]
+    hinges = Hinges(
+        np.concatenate([own.points + start for start, own in parts]).astype(np.int32),
+        np.concatenate([own.stiffness for _, own in parts]),
+        np.concatenate([own.angle for _, own in parts]),
+        np.concatenate([own.damping for _, own in parts]),
+    )
+    whole = Assembly(
+        first, pieces, joined("position"), joined("velocity"), joined("mass"), springs, bending, hinges
+    )
     return _stitched(whole, params) if params.stitches else whole
 
 
@@ -152,7 +166,14 @@ def _stitched(whole: Assembly, params: SpringsParams) -> Assembly:
         np.concatenate(ends), np.concatenate(stiffness), np.concatenate(rest), np.concatenate(damping)
     )
     return Assembly(
-        whole.first, whole.pieces, whole.position, whole.velocity, whole.mass, joined, whole.bending
+        whole.first,
+        whole.pieces,
+        whole.position,
+        whole.velocity,
+        whole.mass,
+        joined,
+        whole.bending,
+        whole.hinges,
     )
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tianim.lang import f64_2d, ti
 from tianim.systems.springs.assembly import Assembly, accelerate
 from tianim.systems.springs.contact import Walls, bounce
+from tianim.systems.springs.hinges import HingeForces
 from tianim.systems.springs.points import Points
 
 # Approaches slower than gravity makes in so many steps are rests.
@@ -99,6 +100,7 @@ class ExplicitSolver:
         self._a.fill(0.0)
         rooms = {"rk4": 4, "velocity_verlet": 1}.get(integrator, 0)
         self._rooms: list[Any] = [ti.ndarray(ti.f64, (points.capacity, 3)) for _ in range(rooms)]
+        self._hinges = HingeForces(whole.hinges)
         self.longest = safety * longest_step(whole)
 
     def hold(self, held: Any) -> None:
@@ -149,6 +151,7 @@ class ExplicitSolver:
     def _accelerate(self, into: Any = None) -> None:
         p, a = self._points, self._a if into is None else into
         accelerate(p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, a)
+        self._hinges.add(p.inverse_mass, p.x, p.v, a)
 
     def _runge_kutta(self, dt: float) -> None:
         p, n = self._points, self._points.count
@@ -171,4 +174,6 @@ def longest_step(whole: Assembly) -> float:
     omega2 = float(whole.stiffest().max())
     springs = whole.springs
     tau = float((springs.damping / springs.stiffness).max())
+    if len(whole.hinges.points):
+        tau = max(tau, float((whole.hinges.damping / whole.hinges.stiffness).max()))
     return float(-tau + np.sqrt(tau**2 + 4.0 / omega2))

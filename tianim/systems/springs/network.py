@@ -8,7 +8,7 @@ B/2 integral(curvature^2), exact for what bends without stretching (Bergou et al
 doi:10.2312/SGP/SGP06/227-230). The rows of Q sum to zero, so that bending acts as springs too, of rest length
 0 and stiffness -Q_ij, some of them negative: one loop over neighbours does both.
 
-Limits: bending takes what is flat, or straight, as unbent.
+Limits: ropes and sheets are straight and flat at rest; meshes as they are in their file (`curvature.py`).
 """
 
 from collections.abc import Callable, Mapping
@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from tianim.errors import SceneError
 from tianim.math.rotations import from_euler, rotate
-from tianim.spatial.mesh_files import read_mesh
+from tianim.spatial.mesh_files import Shown, painted_values, read_mesh, read_shown
 from tianim.systems.springs.piece_params import Block, Fabric, MeshPiece, Network, Piece, Rope, Sheet, Strands
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
+# Pairs of triangles bent by less than this angle [rad] are flat: file formats round.
+FLAT = 1e-4
 POISSON_FACTOR = 0.4  # k / (E h) of the lattice of a block
 
 
@@ -42,6 +44,32 @@ class Springs:
 
 
 @dataclass(frozen=True)
+class Curved:
+    """Differences S x that are not zero at rest.
+
+    points (s, p), coefficient (s, p); weight [N/m] and length |S x| at rest [m], each (s,)
+    """
+
+    points: Ints
+    coefficient: Floats
+    weight: Floats
+    length: Floats
+
+
+@dataclass(frozen=True)
+class Hinges:
+    """points (h, 4), stiffness [N m], angle at rest [rad], damping [N m s], each (h,)."""
+
+    points: Ints
+    stiffness: Floats
+    angle: Floats
+    damping: Floats
+
+
+NO_HINGES = Hinges(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True)
 class Built:
     """A piece as points and springs.
 
@@ -49,8 +77,10 @@ class Built:
     velocity   (n, 3) [m/s]
     mass       (n,) [kg]
     bending    Q, sparse (n, n) [N/m], None where nothing resists bending
+    curved     what is bent at rest, of the differences that Q is made of
     triangles  (m, 3) of its surface, empty where it is lines
     open_to_air  whether its triangles are a sheet that the air meets on both sides
+    shown      which points and triangles frames hold, where not the piece's own: those of its file
     chains     numbers of the points of each rope or strand, in order; empty for all else
     groups     numbers of points by a name that pins may use: "left", "first" ...
     data       per point, what frames show and never changes: "uv"
@@ -61,9 +91,12 @@ class Built:
     mass: Floats
     springs: Springs
     bending: Any = None
+    curved: Curved | None = None
     triangles: Ints = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     open_to_air: bool = False
+    hinges: Hinges = NO_HINGES
     chains: tuple[Ints, ...] = ()
+    shown: Shown | None = None
     groups: Mapping[str, Ints] = field(default_factory=dict)
     data: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
 
@@ -136,7 +169,7 @@ def _sheet(piece: Sheet) -> Built:
     uv = np.stack([s.ravel(), t.ravel()], axis=1).astype(np.float32)
     return Built(
         x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending,
-        triangles.astype(np.int32), open_to_air=True, groups=groups, data={"uv": uv},
+        triangles=triangles.astype(np.int32), open_to_air=True, groups=groups, data={"uv": uv},
     )  # fmt: skip
 
 
@@ -189,15 +222,32 @@ def _mesh(piece: MeshPiece) -> Built:
     edge = which.reshape(-1).astype(np.int32)
     wide = np.bincount(edge, np.repeat(area, 3), len(ends))
     stiffness = piece.stretch * wide / _lengths(x, ends) ** 2
-    bending = _mesh_bending(piece, x, triangles, area, edge, len(ends)) if piece.bend > 0.0 else None
-    border = np.unique(ends[np.bincount(edge, minlength=len(ends)) == 1])
+    shown = read_shown(piece.file)
+    factor = {name: _painted(piece, name) for name in ("density", "stretch", "bend", "pin")}
+    mass, stiffness = mass * factor["density"], stiffness * factor["stretch"][ends].mean(axis=1)
+    bending, curved = None, None
+    if piece.bend > 0.0:
+        bending, curved = _mesh_bending(piece, x, triangles, area, edge, factor["bend"])
+    border = np.unique(ends[np.bincount(edge, minlength=len(ends)) == 1]).astype(np.int32)
+    groups = {"border": border}
+    if "pin" in piece.maps:
+        groups["painted"] = np.flatnonzero(factor["pin"] > 0.5).astype(np.int32)
     return Built(
-        x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending, triangles,
-        open_to_air=True, groups={"border": border.astype(np.int32)},
+        x, _moving(piece, x, mass), mass, _springs(x, ends, stiffness, piece.damping), bending, curved,
+        triangles=triangles, open_to_air=True, shown=shown, groups=groups,
     )  # fmt: skip
 
 
-def _mesh_bending(piece: Fabric, x: Floats, triangles: Ints, area: Floats, edge: Ints, edges: int) -> Any:
+def _painted(piece: MeshPiece, name: str) -> Floats:
+    """The map of the file that `maps` names for a quantity, a factor at each point; 1 without one."""
+    if name not in piece.maps:
+        return np.ones(len(read_mesh(piece.file).vertices))
+    return painted_values(piece.file, piece.maps[name])
+
+
+def _mesh_bending(
+    piece: Fabric, x: Floats, triangles: Ints, area: Floats, edge: Ints, factor: Floats
+) -> tuple[Any, Curved | None]:
     """B/2 integral(curvature^2) by the Laplacians of pairs of triangles that share an edge.
 
     A pair sees what bends across its edge, (k_tt - 3 k_nn)^2, whose mean over the edges of equilateral
@@ -227,8 +277,11 @@ def _mesh_bending(piece: Fabric, x: Floats, triangles: Ints, area: Floats, edge:
     cot_a2, cot_b2 = np.where(same, cot2, cot2[::-1])
     points = np.stack([a, b, triangles[tri1, one % 3], triangles[tri2, two % 3]], axis=1)
     coefficients = np.stack([cot_b1 + cot_b2, cot_a1 + cot_a2, -cot_a1 - cot_b1, -cot_a2 - cot_b2], axis=1)
-    weight = piece.bend / (area[tri1] + area[tri2])
-    return _energy(len(x), [(points, coefficients, weight)])
+    weight = piece.bend * factor[points].mean(axis=1) / (area[tri1] + area[tri2])
+    size = np.linalg.norm(np.einsum("sp,spc->sc", coefficients, x[points]), axis=1)
+    bent = size > FLAT * np.sqrt(area[tri1] + area[tri2])
+    curved = Curved(points[bent], coefficients[bent], weight[bent], size[bent]) if bent.any() else None
+    return _energy(len(x), [(points, coefficients, weight)]), curved
 
 
 def _rope(piece: Rope) -> Built:
@@ -342,7 +395,53 @@ def _network(piece: Network) -> Built:
     velocity = _moving(piece, x, mass)
     if piece.velocities:
         velocity = velocity + np.array(piece.velocities)
-    return Built(x, velocity, mass, Springs(ends, stiffness, rest, damping))
+    return Built(x, velocity, mass, Springs(ends, stiffness, rest, damping), hinges=_hinges(piece, x))
+
+
+def _hinges(piece: Network, x: Floats) -> Hinges:
+    if not piece.hinges:
+        return NO_HINGES
+    points = np.array([hinge.points for hinge in piece.hinges], np.int32)
+    now = hinge_angles(x, points)
+    angle = [
+        a if one.angle is None else np.radians(one.angle) for a, one in zip(now, piece.hinges, strict=True)
+    ]
+    return Hinges(
+        points, np.array([one.stiffness for one in piece.hinges], np.float64), np.array(angle),
+        np.array([one.damping for one in piece.hinges], np.float64),
+    )  # fmt: skip
+
+
+def hinge_angles(x: Floats, points: Ints) -> Floats:
+    """Angle of each hinge [rad], 0 where flat; `points` (h, 4): ends of the edge, corners beside it."""
+    a, b, c, d = (x[points[:, k]] for k in range(4))
+    n1, n2 = np.cross(b - a, c - a), np.cross(a - b, d - b)
+    e = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+    sine = np.einsum("ij,ij->i", np.cross(n1, n2), e)
+    return np.asarray(np.arctan2(sine, np.einsum("ij,ij->i", n1, n2)))
+
+
+def hinge_gradients(x: Floats, points: Ints) -> Floats:
+    """Slope of each angle by the places of its points, (h, 4, 3) [rad/m]."""
+    a, b, c, d = (x[points[:, k]] for k in range(4))
+    n1, n2 = np.cross(b - a, c - a), np.cross(a - b, d - b)
+    u1 = n1 / np.einsum("ij,ij->i", n1, n1)[:, None]
+    u2 = n2 / np.einsum("ij,ij->i", n2, n2)[:, None]
+    length = np.linalg.norm(b - a, axis=1)[:, None]
+    e = (b - a) / length
+
+    def along(p: Floats) -> Floats:
+        return np.asarray(np.einsum("ij,ij->i", p, e)[:, None])
+
+    return np.stack(
+        [
+            -along(c - b) * u1 - along(d - b) * u2,
+            -along(a - c) * u1 - along(a - d) * u2,
+            -length * u1,
+            -length * u2,
+        ],
+        axis=1,
+    )
 
 
 _BUILDERS: dict[type[Piece], Callable[[Any], Built]] = {

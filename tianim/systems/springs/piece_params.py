@@ -24,7 +24,7 @@ from typing_extensions import Self
 
 from tianim.errors import SceneError
 from tianim.params import Direction, NonNegative, Params, Positive, Positive3, ScenePath, Vector3
-from tianim.spatial.mesh_files import MESH_SUFFIXES, read_mesh
+from tianim.spatial.mesh_files import MESH_SUFFIXES, painted_values, read_mesh
 
 Floats = NDArray[np.float64]
 
@@ -122,10 +122,22 @@ class MeshPiece(Fabric):
     scale: Positive = Field(1.0, description="factor on the file's coordinates")
     position: Vector3 = Field(ORIGIN, description="where the file's origin is put [m]")
     rotation: Vector3 = Field(ORIGIN, description="angles about its own x, then y, then z axis [deg]")
+    maps: dict[Literal["density", "stretch", "bend", "pin"], Annotated[str, Field(max_length=64)]] = Field(
+        {},
+        description="numbers painted on the file's points (ply), by name: factors on density, stretch and "
+        "bend; of pin, points above 1/2 are the group `painted`",
+    )
 
     @model_validator(mode="after")
     def _is_a_sheet(self) -> Self:
         check_sheet(self.file)
+        for name, field in self.maps.items():
+            try:
+                values = painted_values(self.file, field)
+            except SceneError as error:
+                raise ValueError(f"maps.{name}: {error}") from error
+            if name != "pin" and not (values > 0.0).all():
+                raise ValueError(f"maps.{name}: {field} must be positive; the least is {values.min():g}")
         return self
 
     def point_count(self) -> int:
@@ -262,6 +274,19 @@ class NetworkSpring(Params):
     damping: NonNegative = Field(0.0, description="force over speed along the spring [N s/m]")
 
 
+class NetworkHinge(Params):
+    """An angular spring: two triangles of a network that share an edge keep their angle."""
+
+    points: tuple[Index, Index, Index, Index] = Field(
+        description="the two ends of the edge, then the corner on either side"
+    )
+    stiffness: Positive = Field(1.0, description="torque over angle [N m]")
+    angle: Annotated[float, Field(gt=-180, lt=180)] | None = Field(
+        None, description="at rest [deg], 0: flat; left out: as at the start"
+    )
+    damping: NonNegative = Field(0.0, description="torque over its rate [N m s]")
+
+
 class Network(Piece):
     """Masses and springs, one by one: what lectures draw."""
 
@@ -276,6 +301,7 @@ class Network(Piece):
         (), max_length=100_000, description="between which points, and how stiff",
         examples=[[{"between": [0, 1]}]],
     )  # fmt: skip
+    hinges: tuple[NetworkHinge, ...] = Field((), max_length=10_000, description="angular springs")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -283,6 +309,14 @@ class Network(Piece):
         for name, given in (("mass", self.mass), ("velocities", self.velocities)):
             if isinstance(given, tuple) and given and len(given) != count:
                 raise ValueError(f"{name}: {len(given)} values for {count} points")
+        for k, hinge in enumerate(self.hinges):
+            if max(hinge.points) >= count:
+                raise ValueError(
+                    f"hinges.{k}.points: no point {max(hinge.points)}; there are 0 to {count - 1}"
+                )
+            xa, xb, xc, xd = (np.array(self.points[i]) for i in hinge.points)
+            if not (np.cross(xb - xa, xc - xa).any() and np.cross(xb - xa, xd - xa).any()):
+                raise ValueError(f"hinges.{k}.points: three of them lie in a line, so there is no angle")
         for k, spring in enumerate(self.springs):
             a, b = spring.between
             if max(a, b) >= count:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.limits import Limits
+from tianim.systems.springs.network import hinge_angles
 from tianim.systems.springs.params import SpringsParams
 
 Floats = NDArray[np.float64]
@@ -37,18 +38,16 @@ class Report:
         strain[springs.stiffness == 0.0] = 0.0  # torn
         return strain, springs.stiffness * (length - rest)
 
-    def whole_triangles(self, piece: str) -> NDArray[np.int32]:
-        """The triangles of a piece without those that have a torn edge."""
+    def whole_triangles(self, piece: str) -> NDArray[np.bool_]:
+        """Which triangles of a piece have no torn edge."""
         built = self._whole.pieces[piece]
-        if not self._limits.weakens:
-            return built.triangles
         torn = self._limits.springs().stiffness[self.span(piece)] == 0.0
-        if not torn.any():
-            return built.triangles
+        if not (self._limits.weakens and torn.any()):
+            return np.ones(len(built.triangles), np.bool_)
         count = len(built.mass)
         gone = np.sort(built.springs.ends[torn], axis=1) @ np.array([count, 1])
         edges = np.sort(built.triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2) @ np.array([count, 1])
-        return built.triangles[~np.isin(edges, gone).any(axis=1)]
+        return np.asarray(~np.isin(edges, gone).any(axis=1))
 
     def of_points(self, piece: str, strain: Floats, count: int) -> NDArray[np.float32]:
         """The largest strain of the springs at each point of a piece, without its sign."""
@@ -63,12 +62,26 @@ class Report:
         springs = self._limits.springs()
         a, b = springs.ends.T
         longer = np.linalg.norm(x[b] - x[a], axis=1) - springs.rest_length
-        return float(0.5 * springs.stiffness @ longer**2) + self.bending(x)
+        return float(0.5 * springs.stiffness @ longer**2) + self.bending(x) + self.turning(x)
+
+    def turning(self, x: Floats) -> float:
+        """Energy of all hinges [J]."""
+        hinges = self._whole.hinges
+        off = hinge_angles(x, hinges.points) - hinges.angle
+        off -= 2.0 * np.pi * np.floor(off / (2.0 * np.pi) + 0.5)
+        return float(0.5 * hinges.stiffness @ off**2)
 
     def bending(self, x: Floats) -> float:
         """Energy of bending [J]."""
         Q = self._whole.bending
-        return 0.0 if Q is None else float(0.5 * np.einsum("ij,ij->", x, Q @ x))
+        energy = 0.0 if Q is None else float(0.5 * np.einsum("ij,ij->", x, Q @ x))
+        for name, piece in self._whole.pieces.items():
+            if piece.curved is not None:
+                curved = piece.curved
+                now = np.einsum("sp,spc->sc", curved.coefficient, x[curved.points + self._whole.first[name]])
+                size = np.linalg.norm(now, axis=1)
+                energy += float(curved.weight @ (0.5 * curved.length**2 - curved.length * size))
+        return energy
 
     def measure(self, x: Floats, v: Floats, time: float) -> dict[str, float]:
         """What a frame's metrics hold."""

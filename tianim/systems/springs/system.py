@@ -22,6 +22,7 @@ from tianim.system import World
 from tianim.systems.springs.air import Sails
 from tianim.systems.springs.assembly import assemble
 from tianim.systems.springs.contact import Walls
+from tianim.systems.springs.curvature import Curvature
 from tianim.systems.springs.explicit import ExplicitSolver
 from tianim.systems.springs.limits import Limits
 from tianim.systems.springs.params import EXPLICIT_FROM, SpringsParams
@@ -29,6 +30,7 @@ from tianim.systems.springs.pins import Pins
 from tianim.systems.springs.points import Points, push, set_external
 from tianim.systems.springs.projective import ProjectiveSolver
 from tianim.systems.springs.report import Report
+from tianim.systems.springs.self_contact import SelfContact
 from tianim.systems.springs.strands import StrandSolver
 
 LOG = logging.getLogger("tianim")
@@ -62,6 +64,10 @@ class SpringSystem:
         chains = not params.stitches and all(piece.chains for piece in self.whole.pieces.values())
         if chosen == "strands" and not chains:
             raise SceneError("solver: strands is for ropes and strands alone, without stitches")
+        if len(self.whole.hinges.points):
+            if chosen not in ("auto", "explicit"):
+                raise SceneError(f"solver: hinges need explicit steps, not {chosen}")
+            chosen = "explicit"
         if chosen == "auto":
             chosen = "explicit" if explicit.longest >= EXPLICIT_FROM else "projective"
             chosen = "strands" if chains else chosen
@@ -75,6 +81,14 @@ class SpringSystem:
             self.solver = ProjectiveSolver(
                 self.whole, self.points, walls, params.projective.scheme, params.projective.iterations
             )
+        self.curvature = Curvature(self.whole)
+        contact = params.contact
+        self.folds: SelfContact | None = None
+        if contact.self_collision and any(len(piece.triangles) for piece in self.whole.pieces.values()):
+            self.folds = SelfContact(
+                self.whole, self.points, walls, contact.self_thickness or contact.thickness,
+                contact.friction, self.solver,
+            )  # fmt: skip
         self.sails = Sails(self.whole, world.seed)
         self.limits = Limits(params, self.whole, self.points)
         self.report = Report(self.whole, params, self.limits)
@@ -106,8 +120,12 @@ class SpringSystem:
         self._force(time)
         if self.pins.update(time, dt, points):
             self.solver.hold(self.pins.held)
+        if self.folds is not None:
+            self.folds.begin()
         self.solver.step(time, dt)
         self.pins.settle(points)
+        if self.folds is not None:
+            self.folds.end(dt)
         self.limits.apply(dt)
         self._time = time + dt
 
@@ -116,6 +134,7 @@ class SpringSystem:
         points, now = self.points, self.params.at(time)
         points.weight = float(np.linalg.norm(now.gravity))
         set_external(self.count, *now.gravity, now.air.drag, points.v, points.external)
+        self.curvature.push(points)
         self.sails.blow(time, now.air, points)
         for (key, which), array in zip(self._pushes, self._pushed, strict=True):
             force = now.pushes[key].force
@@ -144,7 +163,14 @@ class SpringSystem:
             if len(piece.triangles):
                 if strain is not None and wants("strain"):
                     data["strain"] = self.report.of_points(key, strain[springs], len(piece.mass))
-                parts.append(Mesh(name, position, self.report.whole_triangles(key), data, units=_units(data)))
+                triangles = piece.triangles[self.report.whole_triangles(key)]
+                if piece.shown is not None:
+                    place = piece.shown.place
+                    position, data = position[place], {field: values[place] for field, values in data.items()}
+                    triangles = piece.shown.triangles[self.report.whole_triangles(key)]
+                    if piece.shown.uv is not None and wants("uv"):
+                        data["uv"] = piece.shown.uv
+                parts.append(Mesh(name, position, triangles, data, units=_units(data)))
                 continue
             cells: dict[str, NDArray[Any]] = {}
             if strain is not None and tension is not None:

@@ -1,0 +1,73 @@
+"""Angular springs: two triangles that share an edge keep the angle between them.
+
+    theta = atan2((n1 x n2) . e, n1 . n2),   torque -k (theta - theta_0) - c dtheta/dt
+    f_i = torque dtheta/dx_i
+
+a, b are the ends of the edge, c and d the corners beside it, n1 and n2 the normals of a b c and b a d, 0
+where all is flat. The four gradients add up to nothing, and so do their moments: no hinge moves or turns the
+whole (Bridson et al. 2003, doi:10.2312/SCA03/028-036).
+
+Limits: of networks, a few of them, in explicit steps; sheets bend by `bend`, which is the same for small
+angles.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.lang import f32_2d, f64_1d, f64_2d, i32_2d, ti
+from tianim.systems.springs.network import Hinges
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+
+@ti.func
+def _place(x: ti.template(), i):
+    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
+
+
+@ti.kernel
+def turn(count: ti.i32, points: i32_2d, given: f32_2d, inverse_mass: f64_1d, x: f64_2d, v: f64_2d, a: f64_2d):
+    """Add to the accelerations what the hinges do, one after the other: they share points."""
+    ti.loop_config(serialize=True)
+    for h in range(count):
+        pa, pb, pc, pd = points[h, 0], points[h, 1], points[h, 2], points[h, 3]
+        xa, xb, xc, xd = _place(x, pa), _place(x, pb), _place(x, pc), _place(x, pd)
+        edge = xb - xa
+        length = ti.max(edge.norm(), 1e-30)
+        e = edge / length
+        n1, n2 = edge.cross(xc - xa), (xd - xb).cross(edge)
+        theta = ti.atan2(n1.cross(n2).dot(e), n1.dot(n2))
+        u1, u2 = n1 / ti.max(n1.norm_sqr(), 1e-30), n2 / ti.max(n2.norm_sqr(), 1e-30)
+        ga = -(xc - xb).dot(e) * u1 - (xd - xb).dot(e) * u2
+        gb = -(xa - xc).dot(e) * u1 - (xa - xd).dot(e) * u2
+        gc, gd = -length * u1, -length * u2
+        rate = ga.dot(_place(v, pa)) + gb.dot(_place(v, pb)) + gc.dot(_place(v, pc)) + gd.dot(_place(v, pd))
+        off = theta - given[h, 1]
+        off -= 2.0 * ti.math.pi * ti.floor(off / (2.0 * ti.math.pi) + 0.5)
+        torque = -given[h, 0] * off - given[h, 2] * rate
+        for k in ti.static(range(3)):
+            a[pa, k] += inverse_mass[pa] * torque * ga[k]
+            a[pb, k] += inverse_mass[pb] * torque * gb[k]
+            a[pc, k] += inverse_mass[pc] * torque * gc[k]
+            a[pd, k] += inverse_mass[pd] * torque * gd[k]
+
+
+class HingeForces:
+    """The hinges of a system as kernels see them."""
+
+    def __init__(self, hinges: Hinges) -> None:
+        self.count = len(hinges.points)
+        if self.count:
+            self._points: Any = ti.ndarray(ti.i32, (self.count, 4))
+            self._points.from_numpy(hinges.points)
+            self._given: Any = ti.ndarray(ti.f32, (self.count, 3))
+            given = np.stack([hinges.stiffness, hinges.angle, hinges.damping], axis=1)
+            self._given.from_numpy(given.astype(np.float32))
+
+    def add(self, inverse_mass: Any, x: Any, v: Any, a: Any) -> None:
+        """Add their accelerations to `a`."""
+        if self.count:
+            turn(self.count, self._points, self._given, inverse_mass, x, v, a)

@@ -81,11 +81,20 @@ def met_wall(
                 if there < count:
                     rest -= (1.0 - s) * dt * surface_velocity(table, samples, there, start + s * way)
                 through = at.w + rest.dot(at.xyz)
-                if through < hit.w:
+                # The side it came from counts where it ends amid a thin wall.
+                if through < hit.w + LEAST_TRACE * thickness:
                     hit, which = ti.Vector([at.x, at.y, at.z, through]), there
                 done = 1
             s += ti.max(at.w - thickness, LEAST_TRACE * thickness) / ti.max(reach, 1e-20)
             traced += 1
+    if before.w <= thickness:
+        # What touches and is driven in may come out on the other side within a step.
+        rest = way
+        if first < count:
+            rest -= dt * surface_velocity(table, samples, first, start)
+        deep = rest.dot(before.xyz)
+        if deep < -thickness and before.w + deep < hit.w + LEAST_TRACE * thickness:
+            hit, which = ti.Vector([before.x, before.y, before.z, before.w + deep]), first
     return hit, which
 
 

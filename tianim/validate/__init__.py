@@ -30,6 +30,9 @@ from tianim.validate import (
     gravity_galaxies,
     limits,
     murmuration,
+    springs_contact,
+    springs_laws,
+    springs_sheets,
     steering,
     steering_laws,
     vicsek,
@@ -51,6 +54,7 @@ CASES: dict[str, tuple[Case, ...]] = {
         *fluid_bodies.CASES,
     ),
     "gravity": (*gravity.CASES, *gravity_forces.CASES, *gravity_galaxies.CASES),
+    "springs": (*springs_laws.CASES, *springs_sheets.CASES, *springs_contact.CASES),
     "vicsek": vicsek.CASES,
 }
 

@@ -12,10 +12,10 @@ rho C |u| dt is less than four times the mass per area.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.math.random import normal3
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.params import Air
 from tianim.systems.springs.points import Points
@@ -99,15 +99,9 @@ class Sails:
         corners = triangles.ravel()
         order = np.argsort(corners, kind="stable")
         start = np.searchsorted(corners[order], np.arange(whole.count + 1))
-        self._triangles = self._array(triangles)
-        self._start, self._of_point = self._array(start), self._array(order // 3)
+        self._triangles = constant(triangles)
+        self._start, self._of_point = constant(start), constant(order // 3)
         self._force: Any = ti.ndarray(ti.f32, (self.count, 3))
-
-    @staticmethod
-    def _array(values: NDArray[Any]) -> Any:
-        array = ti.ndarray(ti.i32, values.shape)
-        array.from_numpy(np.ascontiguousarray(values, np.int32))
-        return array
 
     def blow(self, time: float, air: Air, points: Points) -> None:
         """Add what the air does to the accelerations of `points`."""

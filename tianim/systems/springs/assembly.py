@@ -9,7 +9,7 @@ Each spring stands in two rows, with the same numbers, so that its two forces ar
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from tianim.errors import SceneError
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_1d, ti
 from tianim.systems.springs.network import Built, Hinges, Springs, build_piece, hinge_gradients
 from tianim.systems.springs.params import Pick, SpringsParams
+from tianim.systems.springs.solids import Elements, elements_of, largest_omega2
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -44,6 +45,7 @@ class Assembly:
     springs  of all pieces, and the stitches
     bending  Q, sparse (n, n) [N/m], None where nothing resists bending
     hinges   of all networks
+    elements of all solids, None without any
     """
 
     first: Mapping[str, int]
@@ -54,6 +56,7 @@ class Assembly:
     springs: Springs
     bending: Any
     hinges: Hinges
+    elements: Elements | None
 
     @property
     def count(self) -> int:
@@ -102,7 +105,8 @@ class Assembly:
             np.add.at(stiff, self.hinges.points[hinge], self.hinges.stiffness[hinge] * size * size.sum())
         if self.bending is not None:
             stiff += np.asarray(abs(self.bending).sum(axis=1)).ravel()
-        return np.asarray(stiff / self.mass)
+        omega2 = stiff / self.mass
+        return omega2 if self.elements is None else omega2 + largest_omega2(self.elements, self.mass)
 
 
 def assemble(params: SpringsParams) -> Assembly:
@@ -142,9 +146,30 @@ def assemble(params: SpringsParams) -> Assembly:
         np.concatenate([own.damping for _, own in parts]),
     )
     whole = Assembly(
-        first, pieces, joined("position"), joined("velocity"), joined("mass"), springs, bending, hinges
+        first,
+        pieces,
+        joined("position"),
+        joined("velocity"),
+        joined("mass"),
+        springs,
+        bending,
+        hinges,
+        _elements(pieces, first),
     )
     return _stitched(whole, params) if params.stitches else whole
+
+
+def _elements(pieces: Mapping[str, Built], first: Mapping[str, int]) -> Elements | None:
+    found = []
+    for name, piece in pieces.items():
+        if piece.solid is not None:
+            own = elements_of(piece.position, piece.solid)
+            found.append(replace(own, corners=own.corners + first[name]))
+    if not found:
+        return None
+    return Elements(
+        *(np.concatenate([getattr(own, field.name) for own in found]) for field in fields(Elements))
+    )
 
 
 def _stitched(whole: Assembly, params: SpringsParams) -> Assembly:
@@ -174,6 +199,7 @@ def _stitched(whole: Assembly, params: SpringsParams) -> Assembly:
         joined,
         whole.bending,
         whole.hinges,
+        whole.elements,
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.points import Points
 
@@ -63,10 +64,10 @@ class Curvature:
         strength = np.concatenate([curved.weight * curved.length for _, curved in found])
         order = np.argsort(points.ravel(), kind="stable")
         start = np.searchsorted(points.ravel()[order], np.arange(whole.count + 1))
-        self._points, self._start = _array(points, ti.i32), _array(start, ti.i32)
-        self._which = _array(order // points.shape[1], ti.i32)
-        self._coefficient, self._strength = _array(coefficient, ti.f32), _array(strength, ti.f32)
-        self._own = _array(coefficient.ravel()[order], ti.f32)
+        self._points, self._start = constant(points), constant(start)
+        self._which = constant(order // points.shape[1])
+        self._coefficient, self._strength = constant(coefficient), constant(strength)
+        self._own = constant(coefficient.ravel()[order])
         self._bend: Any = ti.ndarray(ti.f32, (self.count, 3))
 
     def push(self, points: Points) -> None:
@@ -77,10 +78,3 @@ class Curvature:
                 points.count, self._start, self._which, self._own, self._bend, points.inverse_mass,
                 points.external,
             )  # fmt: skip
-
-
-def _array(values: Any, dtype: Any) -> Any:
-    given = np.ascontiguousarray(values, np.int32 if dtype == ti.i32 else np.float32)
-    array = ti.ndarray(dtype, given.shape)
-    array.from_numpy(given)
-    return array

@@ -25,6 +25,7 @@ from tianim.systems.springs.assembly import Assembly, accelerate
 from tianim.systems.springs.contact import Walls, bounce
 from tianim.systems.springs.hinges import HingeForces
 from tianim.systems.springs.points import Points
+from tianim.systems.springs.solids import SolidForces
 
 # Approaches slower than gravity makes in so many steps are rests.
 RESTING = 4.0
@@ -101,6 +102,7 @@ class ExplicitSolver:
         rooms = {"rk4": 4, "velocity_verlet": 1}.get(integrator, 0)
         self._rooms: list[Any] = [ti.ndarray(ti.f64, (points.capacity, 3)) for _ in range(rooms)]
         self._hinges = HingeForces(whole.hinges)
+        self._solids = SolidForces(whole.elements, whole.count)
         self.longest = safety * longest_step(whole)
 
     def hold(self, held: Any) -> None:
@@ -152,6 +154,7 @@ class ExplicitSolver:
         p, a = self._points, self._a if into is None else into
         accelerate(p.count, p.start, p.neighbour, p.row, p.external, p.inverse_mass, p.x, p.v, a)
         self._hinges.add(p.inverse_mass, p.x, p.v, a)
+        self._solids.add(p.count, p.inverse_mass, p.x, p.v, a)
 
     def _runge_kutta(self, dt: float) -> None:
         p, n = self._points, self._points.count
@@ -169,11 +172,11 @@ class ExplicitSolver:
 
 def longest_step(whole: Assembly) -> float:
     """Longest stable step [s]; infinity without springs."""
-    if not len(whole.springs.ends):
-        return float("inf")
     omega2 = float(whole.stiffest().max())
-    springs = whole.springs
-    tau = float((springs.damping / springs.stiffness).max())
-    if len(whole.hinges.points):
-        tau = max(tau, float((whole.hinges.damping / whole.hinges.stiffness).max()))
+    if omega2 == 0.0:
+        return float("inf")
+    springs, hinges = whole.springs, whole.hinges
+    taus = [springs.damping / springs.stiffness, hinges.damping / hinges.stiffness]
+    taus += [] if whole.elements is None else [whole.elements.damping]
+    tau = float(np.concatenate(taus).max())
     return float(-tau + np.sqrt(tau**2 + 4.0 / omega2))

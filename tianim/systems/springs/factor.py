@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from tianim.errors import SceneError
 from tianim.lang import ti, workers
+from tianim.systems.springs.arrays import constant
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -124,9 +125,9 @@ def factorise(matrix: Any, position: Floats) -> Factor:
     bins = workers()[0]
     ranges, starts, tops = _shares(columns, bins)
     return Factor(
-        _ints(place), _ints(point), _ints(rows.indptr), _ints(rows.indices), _floats(rows.data),
-        _ints(columns.indptr), _ints(columns.indices), _floats(columns.data), _floats(1.0 / D),
-        _ints(starts), _ints(ranges), _ints(tops), bins, len(tops), columns.nnz,
+        constant(place), constant(point), constant(rows.indptr), constant(rows.indices), constant(rows.data),
+        constant(columns.indptr), constant(columns.indices), constant(columns.data), constant(1.0 / D),
+        constant(starts), constant(ranges), constant(tops), bins, len(tops), columns.nnz,
     )  # fmt: skip
 
 
@@ -164,22 +165,6 @@ def _shares(columns: Any, bins: int) -> tuple[Ints, Ints, Ints]:
     ranges = [one for own in given for one in sorted(own)]
     starts = np.cumsum([0, *(len(own) for own in given)])
     return np.array(ranges, np.int32).reshape(-1, 2), starts.astype(np.int32), np.array(sorted(top), np.int32)
-
-
-def _ints(values: Any) -> Any:
-    given = np.ascontiguousarray(values, np.int32)
-    array = ti.ndarray(ti.i32, (max(given.shape[0], 1), *given.shape[1:]))
-    if given.size:
-        array.from_numpy(given)
-    return array
-
-
-def _floats(values: Any) -> Any:
-    given = np.ascontiguousarray(values, np.float32)
-    array = ti.ndarray(ti.f32, max(len(given), 1))
-    if given.size:
-        array.from_numpy(given)
-    return array
 
 
 @ti.func

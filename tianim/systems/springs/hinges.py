@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_2d, ti
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.network import Hinges
 
 Floats = NDArray[np.float64]
@@ -61,11 +62,8 @@ class HingeForces:
     def __init__(self, hinges: Hinges) -> None:
         self.count = len(hinges.points)
         if self.count:
-            self._points: Any = ti.ndarray(ti.i32, (self.count, 4))
-            self._points.from_numpy(hinges.points)
-            self._given: Any = ti.ndarray(ti.f32, (self.count, 3))
-            given = np.stack([hinges.stiffness, hinges.angle, hinges.damping], axis=1)
-            self._given.from_numpy(given.astype(np.float32))
+            self._points = constant(hinges.points)
+            self._given = constant(np.stack([hinges.stiffness, hinges.angle, hinges.damping], axis=1))
 
     def add(self, inverse_mass: Any, x: Any, v: Any, a: Any) -> None:
         """Add their accelerations to `a`."""

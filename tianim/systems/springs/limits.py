@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.network import Springs
 from tianim.systems.springs.params import SpringsParams
@@ -92,12 +93,12 @@ class Limits:
         if self.weakens:
             for ends in (entry, points.back_entry):
                 of_spring[ends] = np.arange(len(ends))
-            self._of_spring = _array(of_spring, ti.i32)
-            self._yields, self._tears = _array(yields, ti.f32), _array(tears, ti.f32)
+            self._of_spring = constant(of_spring)
+            self._yields, self._tears = constant(yields), constant(tears)
         if len(self._held):
-            self._ends = _array(whole.springs.ends[self._held], ti.i32)
-            self._entry = _array(entry[self._held], ti.i32)
-            self._limits = _array(limits[self._held], ti.f32)
+            self._ends = constant(whole.springs.ends[self._held])
+            self._entry = constant(entry[self._held])
+            self._limits = constant(limits[self._held])
 
     def _of_springs(self, params: SpringsParams, name: str) -> NDArray[np.float64]:
         """A limit of each spring; stitches have none."""
@@ -138,10 +139,3 @@ class Limits:
 
 
 NAMES = ("yield_strain", "tear_strain", "strain_limit")
-
-
-def _array(values: NDArray[Any], dtype: Any) -> Any:
-    given = np.ascontiguousarray(values, np.int32 if dtype == ti.i32 else np.float32)
-    array = ti.ndarray(dtype, given.shape)
-    array.from_numpy(given)
-    return array

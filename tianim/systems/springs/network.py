@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 from tianim.errors import SceneError
 from tianim.math.rotations import from_euler, rotate
 from tianim.spatial.mesh_files import Shown, painted_values, read_mesh, read_shown
-from tianim.systems.springs.piece_params import Block, Fabric, MeshPiece, Network, Piece, Rope, Sheet, Strands
+from tianim.systems.springs.piece_params import (
+    Block,
+    Fabric,
+    MeshPiece,
+    Network,
+    Piece,
+    Rope,
+    Sheet,
+    Solid,
+    Strands,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -66,6 +76,16 @@ class Hinges:
     damping: Floats
 
 
+@dataclass(frozen=True)
+class Tetrahedra:
+    """corners (t, 4), of positive volume; Young's modulus [Pa], Poisson's ratio, damping [s] of all."""
+
+    corners: Ints
+    stiffness: float
+    poisson: float
+    damping: float
+
+
 NO_HINGES = Hinges(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
@@ -95,6 +115,7 @@ class Built:
     triangles: Ints = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     open_to_air: bool = False
     hinges: Hinges = NO_HINGES
+    solid: Tetrahedra | None = None
     chains: tuple[Ints, ...] = ()
     shown: Shown | None = None
     groups: Mapping[str, Ints] = field(default_factory=dict)
@@ -352,6 +373,42 @@ def _block(piece: Block) -> Built:
     )  # fmt: skip
 
 
+def _solid(piece: Solid) -> Built:
+    cells = piece.cells()
+    h = np.array(piece.size) / cells
+    shape = tuple(count + 1 for count in cells)
+    grid = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+    place = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
+    local = (place - 0.5 * np.array(cells)) * h
+    x = rotate(from_euler(piece.rotation), local) + piece.position
+    # Five in a cell; neighbours are mirrored, so that their faces are cut alike.
+    found = []
+    odd = np.indices(cells).sum(axis=0) % 2 == 1
+    for mirrored in (False, True):
+        for four in _FIVE:
+            offsets = [(1 - a if mirrored else a, b, c) for a, b, c in four]
+            corner = [grid[tuple(slice(k, k + n) for k, n in zip(c, cells, strict=True))] for c in offsets]
+            found.append(np.stack([one[odd == mirrored] for one in corner], axis=-1))
+    corners = np.concatenate(found)
+    edges = local[corners[:, 1:]] - local[corners[:, :1]]
+    volume = np.linalg.det(edges) / 6.0
+    corners[volume < 0.0] = corners[volume < 0.0][:, [0, 2, 1, 3]]
+    mass = np.bincount(corners.ravel(), np.repeat(np.abs(volume), 4), len(x)) * piece.density / 4.0
+    none = Springs(np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
+    return Built(
+        x, _moving(piece, x, np.asarray(mass)), np.asarray(mass), none, triangles=_skin(grid),
+        groups=_faces(grid), solid=Tetrahedra(corners, piece.stiffness, piece.poisson, piece.damping),
+    )  # fmt: skip
+
+
+# The tetrahedra of an even cell: the middle one, then those at the other four corners.
+_FIVE = (
+    ((0, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)),
+    ((1, 0, 0), (0, 0, 0), (1, 1, 0), (1, 0, 1)),
+    ((0, 1, 0), (0, 0, 0), (1, 1, 0), (0, 1, 1)),
+    ((0, 0, 1), (0, 0, 0), (1, 0, 1), (0, 1, 1)),
+    ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1)),
+)
 _CORNERS = tuple(product((0, 1), repeat=3))
 
 
@@ -450,5 +507,6 @@ _BUILDERS: dict[type[Piece], Callable[[Any], Built]] = {
     Rope: _rope,
     Block: _block,
     Network: _network,
+    Solid: _solid,
     Strands: _strands,
 }

@@ -9,6 +9,7 @@ from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.limits import Limits
 from tianim.systems.springs.network import hinge_angles
 from tianim.systems.springs.params import SpringsParams
+from tianim.systems.springs.solids import energies
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +63,12 @@ class Report:
         springs = self._limits.springs()
         a, b = springs.ends.T
         longer = np.linalg.norm(x[b] - x[a], axis=1) - springs.rest_length
-        return float(0.5 * springs.stiffness @ longer**2) + self.bending(x) + self.turning(x)
+        return float(0.5 * springs.stiffness @ longer**2) + self.bending(x) + self.turning(x) + self.solid(x)
+
+    def solid(self, x: Floats) -> float:
+        """Energy of all solids [J]."""
+        elements = self._whole.elements
+        return 0.0 if elements is None else float(energies(x, elements).sum())
 
     def turning(self, x: Floats) -> float:
         """Energy of all hinges [J]."""

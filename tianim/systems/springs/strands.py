@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, ti
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls, met_wall, wall_velocity
 from tianim.systems.springs.points import Points
@@ -228,8 +229,7 @@ class StrandSolver:
         chains = [chain + whole.first[name] for name, piece in whole.pieces.items() for chain in piece.chains]
         first = np.array([*(int(chain[0]) for chain in chains), whole.count], np.int32)
         self._count = len(chains)
-        self._first: Any = ti.ndarray(ti.i32, len(first))
-        self._first.from_numpy(first)
+        self._first = constant(first)
         room = (points.capacity, 3)
         self._base, self._y = (ti.ndarray(ti.f64, room) for _ in range(2))
         self._z: Any = ti.ndarray(ti.f64, room)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from tianim.errors import BlowupError, SceneError
 from tianim.frame import Lines, Mesh, Part
-from tianim.lang import ti
 from tianim.system import World
 from tianim.systems.springs.air import Sails
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import assemble
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.curvature import Curvature
@@ -55,7 +55,7 @@ class SpringSystem:
         self._pushes = [
             (key, self.whole.chosen(f"pushes.{key}", push)) for key, push in params.pushes.items()
         ]
-        self._pushed = [self._as_array(which) for _, which in self._pushes]
+        self._pushed = [constant(which) for _, which in self._pushes]
         walls = Walls(params.contact, world.bodies, world.bounds)
         explicit = ExplicitSolver(
             self.whole, self.points, walls, params.explicit.integrator, params.explicit.safety
@@ -64,9 +64,11 @@ class SpringSystem:
         chains = not params.stitches and all(piece.chains for piece in self.whole.pieces.values())
         if chosen == "strands" and not chains:
             raise SceneError("solver: strands is for ropes and strands alone, without stitches")
-        if len(self.whole.hinges.points):
+        needs = {"hinges": len(self.whole.hinges.points), "solids": self.whole.elements is not None}
+        if any(needs.values()):
             if chosen not in ("auto", "explicit"):
-                raise SceneError(f"solver: hinges need explicit steps, not {chosen}")
+                what = " and ".join(name for name, there in needs.items() if there)
+                raise SceneError(f"solver: {what} need explicit steps, not {chosen}")
             chosen = "explicit"
         if chosen == "auto":
             chosen = "explicit" if explicit.longest >= EXPLICIT_FROM else "projective"
@@ -94,12 +96,6 @@ class SpringSystem:
         self.report = Report(self.whole, params, self.limits)
         self._time = 0.0
 
-    @staticmethod
-    def _as_array(which: NDArray[np.int32]) -> Any:
-        array = ti.ndarray(ti.i32, len(which))
-        array.from_numpy(which)
-        return array
-
     def max_step(self) -> float:
         """Largest step [s]: what is stable, or what is asked for."""
         return min(self.solver.longest, self.params.largest_step())
@@ -124,9 +120,9 @@ class SpringSystem:
             self.folds.begin()
         self.solver.step(time, dt)
         self.pins.settle(points)
+        self.limits.apply(dt)
         if self.folds is not None:
             self.folds.end(dt)
-        self.limits.apply(dt)
         self._time = time + dt
 
     def _force(self, time: float) -> None:
@@ -183,7 +179,8 @@ class SpringSystem:
     def diagnostics(self) -> dict[str, float]:
         """Energies, momenta, strains."""
         points = self.points
-        return self.report.measure(points.read(points.x), points.read(points.v), self._time)
+        found = self.report.measure(points.read(points.x), points.read(points.v), self._time)
+        return found if self.folds is None else {**found, **self.folds.diagnostics()}
 
     def check(self) -> None:
         """BlowupError for the first point that is not finite or beyond ESCAPE."""

@@ -1,0 +1,18 @@
+"""Constant numbers as kernels see them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tianim.lang import ti
+
+
+def constant(values: ArrayLike) -> Any:
+    """An array of the compiler: int32 for whole numbers, float32 for others; one row where there is none."""
+    given = np.asarray(values)
+    whole = np.issubdtype(given.dtype, np.integer)
+    array = ti.ndarray(ti.i32 if whole else ti.f32, (max(len(given), 1), *given.shape[1:]))
+    if len(given):
+        array.from_numpy(np.ascontiguousarray(given, np.int32 if whole else np.float32))
+    return array

@@ -25,7 +25,7 @@ class Example:
     """Parameters as a scene file has them, and the bounds around.
 
     `count` is the field that says how many, or gives the fields for so many. `random` says whether the
-    seed matters, `flows` whether particles come and go.
+    seed matters, `flows` whether particles come and go, `fewest` how many there are at least.
     """
 
     params: Mapping[str, Any]
@@ -34,6 +34,7 @@ class Example:
     note: str = "minimal"
     random: bool = True
     flows: bool = False
+    fewest: int = 0
 
     def sized(self, count: int) -> Mapping[str, Any]:
         """The parameters that make it so many particles."""
@@ -107,6 +108,56 @@ _HOSE: dict[str, Any] = {
     "sinks": {"drain": {"kind": "box", "lower": (0.4, 0.0, 0.0), "upper": (0.8, 0.3, 0.8)}},
     "wcsph": {"sound_speed": 10.0},  # so that its short steps see fluid come
 }  # fmt: skip
+
+
+def _masses(count: int) -> dict[str, Any]:
+    """One mass that nothing holds, a sheet of about so many, or no piece at all."""
+    side = max(round(count ** (1 / 2)) - 1, 1)
+    piece: dict[str, Any] = {"kind": "sheet", "segments": (side, side), "bend": 1e-5}
+    if count == 1:
+        piece = {"kind": "network", "points": ((0.5, 0.5, 0.5),)}
+    return {"pieces": {"piece": piece} if count else {}, "pins": {}, "stitches": {}, "pushes": {}}
+
+
+def _ropes(count: int) -> dict[str, Any]:
+    """A rope of so many points; two at least."""
+    rope = {"kind": "rope", "points": ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))}
+    hair = {"kind": "strands", "count": max(count // 32, 1), "segments": 31}
+    piece: dict[str, Any] = {**rope, "segments": 1} if count == 2 else hair
+    return {"pieces": {"piece": piece} if count > 1 else {}, "pins": {}}
+
+
+_CORNERS_OF_A_CUBE = tuple((float(k % 2), float(k // 2 % 2), float(k // 4)) for k in range(8))
+_BODIES: dict[str, Any] = {
+    "cage": {
+        "kind": "network",
+        "points": (*_CORNERS_OF_A_CUBE, (0.5, 0.5, 2.0)),
+        "mass": (1.0,) * 8 + (2.0,),
+        "springs": tuple({"between": (k, 8), "stiffness": 50.0, "damping": 0.5} for k in range(8)),
+        "spin": (0.0, 1.0, 0.0),
+    },
+    "rope": {"kind": "rope", "points": ((0.0, 2.0, 0.0), (1.0, 2.0, 0.0)), "segments": 10, "bend": 1e-4},
+    "jelly": {"kind": "block", "position": (3.0, 0.0, 0.0), "spacing": 0.1, "velocity": (0.0, 1.0, 0.0)},
+}
+_FLAG: dict[str, Any] = {
+    "pieces": {"flag": {"kind": "sheet", "segments": (24, 16), "bend": 1e-3, "skip": 5.0}},
+    "pins": {"pole": {"piece": "flag", "points": "left"}},
+    "pushes": {"pull": {"piece": "flag", "points": "right_top", "force": (0.1, 0.0, 0.0)}},
+}
+_FALLING: dict[str, Any] = {
+    "pieces": {
+        "cloth": {
+            "kind": "sheet", "segments": (12, 12), "origin": (0.1, 0.05, 0.1), "velocity": (1.0, -3.0, 0.0)
+        },
+        "patch": {"kind": "sheet", "segments": (12, 4), "size": (1.0, 0.3), "origin": (0.1, 0.05, 1.1)},
+    },
+    "stitches": {
+        "seam": {
+            "first": {"piece": "cloth", "points": "top"}, "second": {"piece": "patch", "points": "bottom"}
+        }
+    },
+}  # fmt: skip
+_WIND = {"wind": (5.0, 0.0, 2.0), "gusts": 0.3}
 _SOFT: dict[str, Any] = {"softening": {"length": 0.05}}
 _TENTH = {"kind": "fixed", "length": 0.1}
 EXAMPLES: dict[str, tuple[Example, ...]] = {
@@ -179,6 +230,60 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
             {**_cluster(3000), **_SOFT, "time_step": _TENTH, "solver": {"kind": "tree"}},
             count=_cluster,
             note="tree",
+        ),
+    ),
+    "springs": (
+        *(
+            Example(
+                {"pieces": _BODIES, "solver": "explicit", "explicit": {"integrator": integrator}},
+                count=_masses,
+                note=f"network, rope and block, {integrator}",
+                random=False,
+                fewest=1,
+            )
+            for integrator in ("symplectic_euler", "velocity_verlet", "rk4")
+        ),
+        Example(
+            {**_FLAG, "air": _WIND, "solver": "projective", "projective": {"scheme": "implicit_euler"}},
+            count=_masses,
+            note="flag, implicit Euler",
+            fewest=1,
+        ),
+        Example(
+            {**_FLAG, "air": _WIND, "solver": "projective", "projective": {"scheme": "bdf2"}},
+            count=_masses,
+            note="flag, BDF2",
+            fewest=1,
+        ),
+        # More than one core steps.
+        Example(
+            {"pieces": {"cloth": {"kind": "sheet", "segments": (70, 70)}}, "solver": "projective"},
+            count=_masses,
+            note="many",
+            random=False,
+            fewest=1,
+        ),
+        *(
+            Example(
+                {**_FALLING, "solver": solver},
+                _TANK,
+                _masses,
+                f"sheets in a tank, {solver}",
+                random=False,
+                fewest=1,
+            )
+            for solver in ("explicit", "projective")
+        ),
+        Example(
+            {
+                "pieces": {"hair": {"kind": "strands", "count": 60, "segments": 10}},
+                "solver": "strands",
+                "pins": {"roots": {"piece": "hair", "points": "roots"}},
+            },
+            count=_ropes,
+            note="strands",
+            random=False,
+            fewest=2,
         ),
     ),
     "vicsek": (Example({"count": 1500}, Bounds("periodic", (0.0,) * 3, (12.0, 12.0, 1.0))),),

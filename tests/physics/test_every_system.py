@@ -103,6 +103,10 @@ def test_a_restored_state_goes_on_as_if_never_stopped(kind: str, example: Exampl
 @every_example
 @pytest.mark.parametrize("count", [0, 1])
 def test_none_and_one(kind: str, example: Example, count: int) -> None:
+    if count < example.fewest:
+        with pytest.raises(ValidationError):
+            make(kind, example, more=example.sized(count))
+        return
     system = run(make(kind, example, more=example.sized(count)), 4)
     system.check()
     assert all(np.isfinite(value) for value in system.diagnostics().values())
@@ -140,8 +144,9 @@ def test_what_it_shows(kind: str, example: Example) -> None:
         for name, values in part.data.items():
             assert len(values) == count, name
             assert values.dtype in (np.float32, np.int32), name
-        assert set(part.units) <= set(part.data)
-        if isinstance(part, Points):
+        cells = {} if isinstance(part, Points) else part.cell_data
+        assert set(part.units) <= {*part.data, *cells}
+        if isinstance(part, Points) or "id" in part.data:
             ids = part.data["id"]
             assert ids.dtype == np.int32
             assert np.all(np.diff(ids) >= 1 if example.flows else np.diff(ids) == 1)
@@ -170,6 +175,7 @@ def test_a_snapshot_is_a_copy(kind: str, example: Example) -> None:
 def test_what_nobody_wants_is_not_shown(kind: str, example: Example) -> None:
     shown = make(kind, example, fields=frozenset({"id"})).snapshot()
     assert all(set(part.data) <= {"id"} for part in shown)
+    assert not any(part.cell_data for part in shown if not isinstance(part, Points))
 
 
 @every_example

@@ -132,3 +132,12 @@ def test_solids_need_explicit_steps() -> None:
 def test_what_cannot_be_pressed_is_refused() -> None:
     with pytest.raises(ValidationError, match=r"poisson"):
         solid(poisson=0.5)
+
+
+def test_the_strain_that_is_shown() -> None:
+    """Stretched by a tenth along x and pressed by a fifth across, everywhere alike."""
+    one = solid()
+    one.write("position", one.read("position") * (1.1, 0.8, 1.0))
+    shown: Any = one.snapshot()[0]
+    np.testing.assert_allclose(shown.data["strain"], 0.2, atol=1e-6)
+    assert one.diagnostics()["strain_max"] == pytest.approx(0.2)

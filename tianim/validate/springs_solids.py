@@ -2,8 +2,8 @@
 
     d = P L^3 / (3 E I) + P L / (k G A)                     (Timoshenko's beam, k = 5/6 of a square section)
 
-The bar is 10 times as long as thick; the second term is a hundredth. Linear tetrahedra and lattices of springs
-get nearer with the square of their cells: the case is what two sizes say of the limit (Richardson).
+The bar is 10 times as long as thick; the second term is a hundredth. Linear tetrahedra and lattices of
+springs get nearer with the square of their cells: the case is what two sizes say of the limit (Richardson).
 """
 
 from functools import lru_cache, partial

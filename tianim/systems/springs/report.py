@@ -9,7 +9,7 @@ from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.limits import Limits
 from tianim.systems.springs.network import hinge_angles
 from tianim.systems.springs.params import SpringsParams
-from tianim.systems.springs.solids import energies
+from tianim.systems.springs.solids import elements_of, energies, stretches
 
 Floats = NDArray[np.float64]
 
@@ -50,12 +50,15 @@ class Report:
         edges = np.sort(built.triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2) @ np.array([count, 1])
         return np.asarray(~np.isin(edges, gone).any(axis=1))
 
-    def of_points(self, piece: str, strain: Floats, count: int) -> NDArray[np.float32]:
-        """The largest strain of the springs at each point of a piece, without its sign."""
-        ends = self._whole.pieces[piece].springs.ends
-        out = np.zeros(count)
-        for end in ends.T:
+    def of_points(self, piece: str, strain: Floats, x: Floats) -> NDArray[np.float32]:
+        """The largest strain at each point of a piece, of its springs or its tetrahedra, without its sign."""
+        built, first = self._whole.pieces[piece], self._whole.first[piece]
+        out = np.zeros(len(built.mass))
+        for end in built.springs.ends.T:
             np.maximum.at(out, end, np.abs(strain))
+        if built.solid is not None:
+            own = elements_of(built.position, built.solid)
+            np.maximum.at(out, own.corners, np.abs(stretches(x[first:], own))[:, None])
         return out.astype(np.float32)
 
     def elastic(self, x: Floats) -> float:
@@ -105,6 +108,8 @@ class Report:
         for axis, p, L in zip("xyz", momentum, spin, strict=True):
             found[f"momentum_{axis}"], found[f"angular_momentum_{axis}"] = float(p), float(L)
         strain: Any = np.abs(self.strains(x)[0])
+        if self._whole.elements is not None:
+            strain = np.concatenate([strain, np.abs(stretches(x, self._whole.elements))])
         found["strain_max"] = float(strain.max()) if len(strain) else 0.0
         if self._limits.weakens:
             found["torn"] = float((self._limits.springs().stiffness == 0.0).sum())

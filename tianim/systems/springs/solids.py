@@ -67,6 +67,13 @@ def energies(x: Floats, elements: Elements) -> Floats:
     return np.asarray(elements.volume * (density - at_rest))
 
 
+def stretches(x: Floats, elements: Elements) -> Floats:
+    """Principal strain of each tetrahedron that is largest in size, length over length at rest less 1."""
+    F = np.einsum("tai,taj->tij", x[elements.corners], elements.gradient)
+    principal = np.linalg.svd(F, compute_uv=False) - 1.0
+    return np.asarray(np.take_along_axis(principal, np.abs(principal).argmax(axis=1)[:, None], axis=1)[:, 0])
+
+
 def largest_omega2(elements: Elements, mass: Floats) -> Floats:
     """Upper bound of omega^2 of each point [1/s2], by the rows of the stiffness matrix at rest."""
     size = np.linalg.norm(elements.gradient, axis=2)

@@ -158,7 +158,7 @@ class SpringSystem:
             springs = self.report.span(key)
             if len(piece.triangles):
                 if strain is not None and wants("strain"):
-                    data["strain"] = self.report.of_points(key, strain[springs], len(piece.mass))
+                    data["strain"] = self.report.of_points(key, strain[springs], x)
                 triangles = piece.triangles[self.report.whole_triangles(key)]
                 if piece.shown is not None:
                     place = piece.shown.place

@@ -121,6 +121,11 @@ def factorise(matrix: Any, position: Floats) -> Factor:
     point = np.argsort(place).astype(np.int32)
     columns = scipy.sparse.tril(lu.L, -1, format="csc")
     columns.sort_indices()
+    post = _postorder(_parents(columns))
+    if (post[1:] < post[:-1]).any():
+        columns, D, point = columns[post][:, post].tocsc(), D[post], point[post]
+        columns.sort_indices()
+        place[point] = np.arange(n, dtype=np.int32)
     rows = columns.tocsr()
     bins = workers()[0]
     ranges, starts, tops = _shares(columns, bins)
@@ -131,14 +136,32 @@ def factorise(matrix: Any, position: Floats) -> Factor:
     )  # fmt: skip
 
 
+def _parents(columns: Any) -> NDArray[np.int64]:
+    """The tree of eliminations: which place follows each, -1 for roots."""
+    start = columns.indptr
+    parent = np.full(columns.shape[0], -1, np.int64)
+    some = np.flatnonzero(np.diff(start))
+    parent[some] = columns.indices[start[some]]
+    return parent
+
+
+def _postorder(parent: NDArray[np.int64]) -> NDArray[np.int64]:
+    """An order in which each branch is in one run, as pieces that know nothing of each other are not."""
+    children: dict[int, list[int]] = {}
+    for j, up in enumerate(parent.tolist()):
+        children.setdefault(up, []).append(j)
+    order, waiting = [], list(children.get(-1, []))
+    while waiting:
+        order.append(waiting.pop())
+        waiting += children.get(order[-1], [])
+    return np.array(order[::-1], np.int64)
+
+
 def _shares(columns: Any, bins: int) -> tuple[Ints, Ints, Ints]:
     """Branches of the tree of eliminations for each of `bins` workers, and the places of the top."""
     n = columns.shape[0]
-    start, rows = columns.indptr, columns.indices
-    parent = np.full(n, -1, np.int64)
-    some = np.flatnonzero(np.diff(start))
-    parent[some] = rows[start[some]]
-    work = (np.diff(start) + 1.0).tolist()
+    parent = _parents(columns)
+    work = (np.diff(columns.indptr) + 1.0).tolist()
     first = list(range(n))
     for j, up in enumerate(parent.tolist()):
         if up >= 0:

@@ -119,6 +119,13 @@ class Contact(Params):
     thickness: Positive = Field(0.002, description="distance that is kept from bodies [m]")
     friction: NonNegative = Field(0.3, description="Coulomb's coefficient")
     restitution: Fraction = Field(0.0, description="part of the speed given back; explicit only")
+    self_collision: bool = Field(
+        False,
+        description="whether surfaces of pieces touch each other and themselves; else they pass through",
+    )
+    self_thickness: Positive | None = Field(
+        None, description="distance that surfaces keep from each other [m]; left out: `thickness`"
+    )
     bodies: Mapping[Name, BodyContact] = Field(
         {}, max_length=MOST_NAMES, description="bodies with a friction of their own, by name"
     )

@@ -190,7 +190,10 @@ def relax(
 
 
 class ProjectiveSolver:
-    """The solver `projective`."""
+    """The solver `projective`.
+
+    touched  (capacity,) which points have touched something in the last step
+    """
 
     name = "projective"
     longest = float("inf")
@@ -207,8 +210,8 @@ class ProjectiveSolver:
         self._base, self._y, self._x_before, self._v_before = (ti.ndarray(ti.f64, room) for _ in range(4))
         for array in (self._base, self._y, self._x_before, self._v_before):
             array.fill(0.0)
-        self._touched: Any = ti.ndarray(ti.i32, points.capacity)
-        self._touched.fill(0)
+        self.touched: Any = ti.ndarray(ti.i32, points.capacity)
+        self.touched.fill(0)
         self._force, self._applied, self._normal = (ti.ndarray(ti.f32, room) for _ in range(3))
         self._force.fill(0.0)
         self._applied.fill(0.0)
@@ -235,7 +238,7 @@ class ProjectiveSolver:
         factor = self._factor_for(2.0 * dt / 3.0 if self._two_steps else dt)
         predict(
             n, dt, b, int(two), int(single), points.inverse_mass, points.external, points.x, points.v,
-            self._touched, self._x_before, self._v_before, self._base, self._y,
+            self.touched, self._x_before, self._v_before, self._base, self._y,
         )  # fmt: skip
         if self._walls.any:
             begin_from(n, self._force, self._applied)
@@ -264,7 +267,7 @@ class ProjectiveSolver:
         p, walls = self._points, self._walls
         part(
             p.count, dt, walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
-            p.inverse_mass, self._x_before, self._force, p.x, p.v, self._touched,
+            p.inverse_mass, self._x_before, self._force, p.x, p.v, self.touched,
         )  # fmt: skip
 
     def _relax(self, factor: Factor, dt: float, b: float, first: int, last: int) -> None:
@@ -289,7 +292,7 @@ class ProjectiveSolver:
         return {
             "x_before": p.read(self._x_before), "v_before": p.read(self._v_before),
             "last_dt": np.array([self._last_dt]), "contact_force": p.read(self._force),
-            "touched": self._touched.to_numpy()[: p.count],
+            "touched": self.touched.to_numpy()[: p.count],
         }  # fmt: skip
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -300,5 +303,5 @@ class ProjectiveSolver:
             self._points.write(array, np.asarray(state[name]))
         touched = np.zeros(self._points.capacity, np.int32)
         touched[: self._points.count] = state["touched"]
-        self._touched.from_numpy(touched)
+        self.touched.from_numpy(touched)
         self._last_dt = float(state["last_dt"][0])

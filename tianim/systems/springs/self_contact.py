@@ -1,0 +1,246 @@
+"""Self-contact: surfaces keep their distance from each other and from themselves, and never pass through.
+
+After the solver's step, from x to x', the ways of all points are changed until no two parts meet on them
+(after Bridson, Fedkiw, Anderson 2002, doi:10.1145/566570.566623):
+
+ 1. `self_pairs.py` lists the pairs of point and triangle, edge and edge, whose boxes meet on the way
+ 2. those nearer than the thickness at x come no nearer, and make up a tenth of what lacks to it; friction
+    holds them (`self_kernels.py`)
+ 3. those that would meet on the way (`closest.py`) become contacts too, until none would
+ 4. what is left after MOST_ROUNDS moves as a rigid body, or stays (`impact_zones.py`)
+
+As x has no intersections, nor has x': every pair keeps at least a part of its distance, which is more than
+rounding of places to float32 takes. Points that touch a body are not pushed into it.
+
+Limits: what intersects at the start stays so. Pins and bodies move regardless: what they force through
+itself is reported. Contact between surfaces is not inside the solver's iterations, as that with bodies is.
+"""
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+from numpy.typing import NDArray
+
+from tianim.lang import ti
+from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.contact import Walls
+from tianim.systems.springs.explicit import copy
+from tianim.systems.springs.impact_zones import rigid, zones_of
+from tianim.systems.springs.points import Points
+from tianim.systems.springs.self_kernels import (
+    NEAR,
+    NUMBERS,
+    detect,
+    farthest,
+    measure,
+    note_contacts,
+    note_walls,
+    resolve,
+    scan,
+    settle_moved,
+)
+from tianim.systems.springs.self_pairs import PIECES, Ints, Pairs
+
+LOG = logging.getLogger("tianim")
+
+# Boxes are wider by this part of the thickness: half of NEAR, and how far points may be pushed with one list.
+NEAR_MARGIN, SLACK = 0.5 * NEAR, 0.6
+SWEEPS, ENOUGH = 20, 1e-3
+MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 10, 12, 50
+FIRST_CONTACTS = 4096
+
+
+class SelfContact:
+    """What surfaces do to each other.
+
+    pushed    pairs in contact in the last step
+    zones     points of it that the fail-safe moved
+    """
+
+    def __init__(
+        self, whole: Assembly, points: Points, walls: Walls, thickness: float, friction: float, solver: Any
+    ) -> None:
+        self._points, self._walls, self._mass = points, walls, whole.mass
+        self._h, self._friction = thickness, friction
+        triangles = [piece.triangles + whole.first[name] for name, piece in whole.pieces.items()]
+        same, group = joined(whole)
+        self._pairs = Pairs(whole.position, np.concatenate(triangles).astype(np.int32), same)
+        self._group: Any = ti.ndarray(ti.i32, points.capacity)
+        self._group.from_numpy(group)
+        room = (points.capacity, 3)
+        self._start, self._solved, self._listed, self._rest = (ti.ndarray(ti.f64, room) for _ in range(4))
+        points.write(self._rest, whole.position)
+        self._met, self._offset = (ti.ndarray(ti.i32, PIECES) for _ in range(2))
+        self._busy: Any = ti.ndarray(ti.i32, points.capacity)
+        self._wall: Any = ti.ndarray(ti.f32, (points.capacity, 5))
+        self._implicit = hasattr(solver, "touched")
+        self._touched: Any = solver.touched if self._implicit else ti.ndarray(ti.i32, points.capacity)
+        self._contacts = 0
+        self._make_room(FIRST_CONTACTS)
+        self.pushed = self.zones = 0
+
+    def begin(self) -> None:
+        """Remember where the step begins."""
+        copy(self._points.count, self._points.x, self._start)
+
+    def end(self, dt: float) -> None:
+        """Change what the solver made of the step so that nothing meets."""
+        points = self._points
+        copy(points.count, points.x, self._solved)
+        self._contacts = self.zones = 0
+        self._busy.fill(0)
+        if self._list():
+            near = self._measure()
+            if near:
+                self._note(True)
+                self._note_walls(dt)
+                self._resolve()
+            self._untangle(dt)
+        self.pushed = self._contacts
+        if self._contacts or self._implicit:
+            settle_moved(
+                points.count, dt, int(self._walls.any), int(self._implicit), points.inverse_mass, self._start,
+                self._solved, points.x, points.v, self._touched,
+            )  # fmt: skip
+
+    def _untangle(self, dt: float) -> None:
+        """Contacts of all that would meet, until nothing does."""
+        for _ in range(MOST_ROUNDS):
+            if not self._detect():
+                return
+            walls = self._contacts == 0
+            self._note(False)
+            if walls:
+                self._note_walls(dt)
+            self._resolve()
+        if self._detect():
+            self._fail_safe()
+
+    def _fail_safe(self) -> None:
+        points, start = self._points, self._points.read(self._start)
+        held = points.inverse_mass.to_numpy()[: points.count] == 0.0
+        wanted = points.read(points.x)
+        met, now = self._flagged(), wanted
+        for k in range(MOST_ZONES + MOST_STOPS):
+            now = wanted.copy()
+            for zone in zones_of(points.count, met):
+                if k < MOST_ZONES:
+                    now[zone] = rigid(start[zone], wanted[zone], self._mass[zone], held[zone])
+                else:
+                    now[zone] = np.where(held[zone, None], wanted[zone], start[zone])
+            self.zones = len(np.unique(met))
+            points.write(points.x, now)
+            if not self._detect():
+                return
+            more = np.unique(np.concatenate([met, self._flagged()]), axis=0)
+            if k >= MOST_ZONES and len(more) == len(met):
+                break
+            met = more
+        LOG.warning("self-contact: pins or bodies force surfaces through themselves")
+
+    def _flagged(self) -> Ints:
+        """The points (m, 4) of the pairs that `_detect` found."""
+        pairs = self._pairs
+        flag = pairs.flag.to_numpy().reshape(PIECES, pairs.room)
+        used = np.arange(pairs.room) < pairs.count.to_numpy()[:PIECES, None]
+        return np.asarray(pairs.pair.to_numpy()[(used & (flag < 1.0)).ravel(), 1:])
+
+    def _list(self) -> int:
+        """List the pairs for the step as it is now; how many."""
+        points = self._points
+        copy(points.count, points.x, self._listed)
+        return self._pairs.find(self._start, points.x, (NEAR_MARGIN + SLACK) * self._h)
+
+    def _measure(self) -> int:
+        p = self._pairs
+        measure(
+            p.tasks, p.stride, p.room, self._h, self._group, self._rest, self._start, p.pair, p.count, p.gap,
+            p.flag, self._met,
+        )  # fmt: skip
+        return int(scan(0, self._met, self._offset))
+
+    def _detect(self) -> int:
+        """Flag the pairs that come too near on the way; how many. Lists them anew where points left it."""
+        p, points = self._pairs, self._points
+        if farthest(points.count, points.x, self._listed) > SLACK * self._h:
+            self._list()
+            self._measure()
+        detect(
+            p.tasks,
+            p.stride,
+            p.room,
+            self._h,
+            self._start,
+            points.x,
+            p.pair,
+            p.count,
+            p.gap,
+            p.flag,
+            self._met,
+        )
+        return int(scan(self._contacts, self._met, self._offset)) - self._contacts
+
+    def _note(self, near: bool) -> None:
+        """Make contacts of what is flagged."""
+        p = self._pairs
+        total = int(scan(self._contacts, self._met, self._offset))
+        self._reserve(total)
+        note_contacts(
+            near, p.tasks, p.stride, p.room, self._h, self._friction, self._group, self._rest, self._start,
+            self._points.x, p.pair, p.count, p.gap, p.flag, self._offset, self._corner, self._number,
+            self._busy,
+        )  # fmt: skip
+        self._contacts = total
+
+    def _note_walls(self, dt: float) -> None:
+        walls, points = self._walls, self._points
+        if walls.any:
+            self._reserve(self._contacts + min(points.count, 4 * self._contacts))
+            self._contacts = note_walls(
+                points.count, self._contacts, dt, walls.thickness, self._h, walls.bodies.table,
+                walls.bodies.samples, walls.count, walls.bounds, walls.friction, self._solved, self._busy,
+                self._wall, self._corner, self._number,
+            )  # fmt: skip
+
+    def _resolve(self) -> None:
+        points = self._points
+        resolve(
+            SWEEPS,
+            self._contacts,
+            ENOUGH * self._h,
+            self._corner,
+            self._number,
+            points.inverse_mass,
+            points.x,
+        )
+
+    def _reserve(self, contacts: int) -> None:
+        """Room for so many contacts; those that there are stay."""
+        if contacts > self._corner.shape[0]:
+            old = self._corner.to_numpy(), self._number.to_numpy()
+            self._make_room(2 * contacts)
+            for array, values in zip((self._corner, self._number), old, strict=True):
+                grown = np.zeros(array.shape, values.dtype)
+                grown[: len(values)] = values
+                array.from_numpy(grown)
+
+    def _make_room(self, contacts: int) -> None:
+        self._corner: Any = ti.ndarray(ti.i32, (contacts, 4))
+        self._number: Any = ti.ndarray(ti.f64, (contacts, NUMBERS))
+
+    def diagnostics(self) -> Mapping[str, float]:
+        """Pairs and bodies' contacts in the last step, and points in the fail-safe."""
+        return {"self_contacts": float(self.pushed), "self_failsafe": float(self.zones)}
+
+
+def joined(whole: Assembly) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """A number for points that are stitched together, and one for those that any springs connect, (n,)."""
+    found = []
+    for chosen in (whole.springs.rest_length == 0.0, np.ones(len(whole.springs.ends), np.bool_)):
+        a, b = whole.springs.ends[chosen].T
+        graph = scipy.sparse.coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(whole.count, whole.count))
+        found.append(scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int32))
+    return found[0], found[1]

@@ -12,6 +12,9 @@ After the solver's step, from x to x', the ways of all points are changed until 
 As x has no intersections, nor has x': every pair keeps at least a part of its distance, which is more than
 rounding of places to float32 takes. Points that touch a body are not pushed into it.
 
+The solver gets most of what pushed in a step as a force in the next, so that springs settle against
+contacts instead of being stretched by them.
+
 Limits: what intersects at the start stays so. Pins and bodies move regardless: what they force through
 itself is reported. Contact between surfaces is not inside the solver's iterations, as that with bodies is.
 """
@@ -38,6 +41,7 @@ from tianim.systems.springs.self_kernels import (
     measure,
     note_contacts,
     note_walls,
+    push_on,
     resolve,
     scan,
     settle_moved,
@@ -72,6 +76,8 @@ class SelfContact:
         self._group.from_numpy(group)
         room = (points.capacity, 3)
         self._start, self._solved, self._listed, self._rest = (ti.ndarray(ti.f64, room) for _ in range(4))
+        self._push: Any = ti.ndarray(ti.f64, room)
+        self._push.fill(0.0)
         points.write(self._rest, whole.position)
         self._met, self._offset = (ti.ndarray(ti.i32, PIECES) for _ in range(2))
         self._busy: Any = ti.ndarray(ti.i32, points.capacity)
@@ -83,8 +89,10 @@ class SelfContact:
         self.pushed = self.zones = 0
 
     def begin(self) -> None:
-        """Remember where the step begins."""
-        copy(self._points.count, self._points.x, self._start)
+        """Remember where the step begins; the solver is to know what pushed in the step before."""
+        points = self._points
+        copy(points.count, points.x, self._start)
+        push_on(points.count, self._push, points.external)
 
     def end(self, dt: float) -> None:
         """Change what the solver made of the step so that nothing meets."""
@@ -100,11 +108,10 @@ class SelfContact:
                 self._resolve()
             self._untangle(dt)
         self.pushed = self._contacts
-        if self._contacts or self._implicit:
-            settle_moved(
-                points.count, dt, int(self._walls.any), int(self._implicit), points.inverse_mass, self._start,
-                self._solved, points.x, points.v, self._touched,
-            )  # fmt: skip
+        settle_moved(
+            points.count, dt, int(self._walls.any), int(self._implicit), points.inverse_mass, self._start,
+            self._solved, points.x, points.v, self._touched, self._push,
+        )  # fmt: skip
 
     def _untangle(self, dt: float) -> None:
         """Contacts of all that would meet, until nothing does."""
@@ -157,8 +164,8 @@ class SelfContact:
     def _measure(self) -> int:
         p = self._pairs
         measure(
-            p.tasks, p.stride, p.room, self._h, self._group, self._rest, self._start, p.pair, p.count, p.gap,
-            p.flag, self._met,
+            p.tasks, p.stride, p.room, self._h, self._group, self._rest, self._start, self._points.x,
+            p.pair, p.count, p.gap, p.flag, self._met,
         )  # fmt: skip
         return int(scan(0, self._met, self._offset))
 
@@ -230,6 +237,18 @@ class SelfContact:
     def _make_room(self, contacts: int) -> None:
         self._corner: Any = ti.ndarray(ti.i32, (contacts, 4))
         self._number: Any = ti.ndarray(ti.f64, (contacts, NUMBERS))
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What pushed in the last step."""
+        return {"self_push": self._points.read(self._push)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `state` gave."""
+        self._points.write(self._push, np.asarray(state["self_push"], np.float64))
+
+    def forget(self) -> None:
+        """Nothing pushed: places or velocities were set."""
+        self._push.fill(0.0)
 
     def diagnostics(self) -> Mapping[str, float]:
         """Pairs and bodies' contacts in the last step, and points in the fail-safe."""

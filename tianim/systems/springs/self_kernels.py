@@ -18,8 +18,9 @@ from tianim.systems.springs.self_pairs import PIECES, TURN
 
 # Columns of a contact's numbers.
 WEIGHT, NORMAL, AIM, FRICTION, FORCE, NUMBERS = 0, 4, 7, 10, 11, 14
-# Pairs nearer than this many thicknesses at the start of a step are kept apart by it.
-NEAR = 1.5
+# Pairs nearer than this many thicknesses at the start of a step are kept apart by it, if the solver brings
+# them within MARGIN thicknesses of what they are to keep.
+NEAR, MARGIN = 1.5, 0.2
 # Part of what lacks to the thickness that is made up in a step.
 RECOVERED = 0.1
 # Pairs of one surface keep at most this part of the distance that they had at rest.
@@ -28,6 +29,8 @@ OF_REST = 0.5
 LEAST, LEAST_OF_GAP = 0.1, 0.8
 # What would come nearer is kept this part of the thickness apart.
 KEPT = 0.3
+# Part of the forces of a step that the solver knows in the next: less than all, so that they end.
+PASSED_ON = 0.8
 NEVER = 2.0
 
 
@@ -53,10 +56,16 @@ def kept_apart(thickness, group: ti.template(), rest: ti.template(), kind, a, b,
     return h
 
 
+@ti.func
+def wanted(far, h):
+    """What a pair that is to keep h and starts at `far` has at the end."""
+    return ti.min(h, far + RECOVERED * ti.max(h - far, 0.0))
+
+
 @ti.kernel
 def measure(
     tasks: ti.i32, stride: ti.i32, room: ti.i32, thickness: ti.f64, group: i32_1d, rest: f64_2d,
-    start: f64_2d, pair: i32_2d, count: i32_1d, gap: f64_1d, flag: f32_1d, met: i32_1d,
+    start: f64_2d, end: f64_2d, pair: i32_2d, count: i32_1d, gap: f64_1d, flag: f32_1d, met: i32_1d,
 ):  # fmt: skip
     """Distance of each pair at the start; flag 0 for those that are near, and how many by piece."""
     count[TURN] = 0
@@ -68,11 +77,15 @@ def measure(
                 for k in range(piece * room, piece * room + count[piece]):
                     kind, a, b, c, d = pair[k, 0], pair[k, 1], pair[k, 2], pair[k, 3], pair[k, 4]
                     xa, xb, xc, xd = row(start, a), row(start, b), row(start, c), row(start, d)
-                    far = between(closest(kind, xa, xb, xc, xd), xa, xb, xc, xd).norm()
+                    w = closest(kind, xa, xb, xc, xd)
+                    n = between(w, xa, xb, xc, xd)
+                    far = n.norm()
                     gap[k] = far
                     flag[k] = NEVER
-                    if far < NEAR * thickness and far > 0.0:  # noqa: SIM102  (`and` evaluates both)
-                        if far < NEAR * kept_apart(thickness, group, rest, kind, a, b, c, d):
+                    if far < NEAR * thickness and far > 0.0:
+                        h = kept_apart(thickness, group, rest, kind, a, b, c, d)
+                        then = between(w, row(end, a), row(end, b), row(end, c), row(end, d)).dot(n) / far
+                        if far < NEAR * h and then < wanted(far, h) + MARGIN * h:
                             flag[k] = 0.0
                             near += 1
                 met[piece] = near
@@ -146,8 +159,7 @@ def note_contacts(
                         far = s.dot(n)
                         target = ti.cast(0.0, ti.f64)
                         if ti.static(near):
-                            h = kept_apart(thickness, group, rest, kind, a, b, c, d)
-                            target = ti.min(h, far + RECOVERED * ti.max(h - far, 0.0))
+                            target = wanted(far, kept_apart(thickness, group, rest, kind, a, b, c, d))
                         else:
                             least = 2.0 * least_gap(gap[k], thickness)
                             target = ti.max(least, ti.min(KEPT * thickness, far))
@@ -238,24 +250,32 @@ def farthest(n: ti.i32, a: f64_2d, b: f64_2d) -> ti.f64:
 
 
 @ti.kernel
+def push_on(n: ti.i32, push: f64_2d, external: f64_2d):
+    """Add `push` to the accelerations of the points."""
+    for i in range(n):
+        for c in ti.static(range(3)):
+            external[i, c] += push[i, c]
+
+
+@ti.kernel
 def settle_moved(
     n: ti.i32, dt: ti.f64, keep: ti.i32, along: ti.i32, inverse_mass: f64_1d, start: f64_2d, solved: f64_2d,
-    x: f64_2d, v: f64_2d, touched: i32_1d,
+    x: f64_2d, v: f64_2d, touched: i32_1d, push: f64_2d,
 ):  # fmt: skip
-    """Velocities of points that were pushed; `touched` tells them, with those before where `keep`.
+    """Velocities of points that were moved; `touched` tells them, with those before where `keep`.
 
-    They go as they went in the step (`along`), or faster by what they were pushed.
+    They go as they went in the step (`along`), or faster by what they were moved. In the next step the solver
+    is to know PASSED_ON of what pushed them in this one; what was not moved is let go.
     """
     for i in range(n):
-        pushed = 0
+        moved = 0
         for c in ti.static(range(3)):
             if x[i, c] != solved[i, c]:
-                pushed = 1
-        if keep == 0 or pushed == 1:
-            touched[i] = pushed
-        if pushed == 1 and inverse_mass[i] > 0.0:
-            for c in ti.static(range(3)):
-                if along == 1:
-                    v[i, c] = (x[i, c] - start[i, c]) / dt
-                else:
-                    v[i, c] += (x[i, c] - solved[i, c]) / dt
+                moved = 1
+        if keep == 0 or moved == 1:
+            touched[i] = moved
+        for c in ti.static(range(3)):
+            d = x[i, c] - solved[i, c]
+            push[i, c] = ti.select(moved == 1, PASSED_ON * (push[i, c] + d / (dt * dt)), 0.0)
+            if moved == 1 and inverse_mass[i] > 0.0:
+                v[i, c] = ti.select(along == 1, (x[i, c] - start[i, c]) / dt, v[i, c] + d / dt)

@@ -199,7 +199,8 @@ class SpringSystem:
         points = self.points
         own = {"position": points.read(points.x), "velocity": points.read(points.v)}
         own["time"] = np.array([self._time])
-        return own | self.solver.state() | self.pins.state() | self.limits.state()
+        folds = {} if self.folds is None else self.folds.state()
+        return own | self.solver.state() | self.pins.state() | self.limits.state() | folds
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
@@ -211,6 +212,8 @@ class SpringSystem:
         self.solver.hold(self.pins.held)
         self.solver.restore(state)
         self.limits.restore(state)
+        if self.folds is not None:
+            self.folds.restore(state)
 
     def arrays(self) -> tuple[str, ...]:
         """Places and velocities can be set, mass can only be read."""
@@ -234,6 +237,8 @@ class SpringSystem:
         if not np.array_equal(given, self.points.read(array)):
             self.points.write(array, given)
             self.solver.forget()
+            if self.folds is not None:
+                self.folds.forget()
 
     def _known(self, name: str) -> str:
         if name not in self.arrays():

@@ -33,6 +33,7 @@ from tianim.validate import (
     springs_contact,
     springs_laws,
     springs_sheets,
+    springs_solids,
     steering,
     steering_laws,
     vicsek,
@@ -54,7 +55,7 @@ CASES: dict[str, tuple[Case, ...]] = {
         *fluid_bodies.CASES,
     ),
     "gravity": (*gravity.CASES, *gravity_forces.CASES, *gravity_galaxies.CASES),
-    "springs": (*springs_laws.CASES, *springs_sheets.CASES, *springs_contact.CASES),
+    "springs": (*springs_laws.CASES, *springs_sheets.CASES, *springs_contact.CASES, *springs_solids.CASES),
     "vicsek": vicsek.CASES,
 }
 

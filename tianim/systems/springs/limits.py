@@ -84,11 +84,12 @@ def hold_together(
 class Limits:
     """Of all springs of a system."""
 
-    def __init__(self, params: SpringsParams, whole: Assembly, points: Points) -> None:
+    def __init__(self, params: SpringsParams, whole: Assembly, points: Points, holds: bool) -> None:
+        """`holds`: whether strain limits are kept here; strands keep theirs themselves."""
         self._whole, self._points = whole, points
         yields, tears, limits = (self._of_springs(params, name) for name in NAMES)
         self.weakens = bool((yields < NEVER).any() or (tears < NEVER).any())
-        self._held = np.flatnonzero(limits < NEVER)
+        self._held = np.flatnonzero(limits < NEVER) if holds else np.zeros(0, np.int64)
         entry, of_spring = points.entry, np.full(points.row.shape[0], -1, np.int32)
         if self.weakens:
             for ends in (entry, points.back_entry):

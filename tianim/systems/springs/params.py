@@ -159,10 +159,6 @@ class StrandsSolver(Params):
     """Of the solver `strands`."""
 
     iterations: Annotated[int, Field(ge=1, le=50)] = Field(2, description="of Newton's method in a step")
-    strain_limit: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.01,
-        description="largest strain of a segment: what is left beyond after the iterations is taken away",
-    )
 
 
 class TimeStep(Params):

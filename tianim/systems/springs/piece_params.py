@@ -207,6 +207,7 @@ class Strands(Piece):
     density: Positive = Field(1e-4, description="mass per length [kg/m]; one hair 1e-5")
     stretch: Positive = Field(10.0, description="force over strain, EA [N]")
     bend: NonNegative = Field(1e-8, description="moment over curvature, EI [N m2]")
+    strain_limit: Positive | None = Field(0.01, description="no segment is longer or shorter by more")
     damping: Damping = Field(1e-3, description="internal damping of its springs, as a time [s]")
 
     def roots(self) -> tuple[Floats, Floats]:

@@ -31,6 +31,7 @@ from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, ti
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls, met_wall, wall_velocity
+from tianim.systems.springs.params import SpringsParams
 from tianim.systems.springs.points import Points
 
 # Stiffness of contact over that of the point's springs and mass together.
@@ -38,6 +39,8 @@ PRESSED = 1.0
 # Most that one end of a segment goes past the other in an iteration, in lengths of the segment: what turns is
 # stretched by half the square of it.
 MOST_TURN = 0.2
+# Strain limit of what has none.
+UNLIMITED = 1e6
 # Floats of a point: the inverse of D (6, symmetric), L of the point before (9), of the one before that (9).
 WIDTH = 24
 
@@ -65,19 +68,19 @@ def start_step(
     n: ti.i32, dt: ti.f64, inverse_mass: f64_1d, external: f64_2d, x: f64_2d, v: f64_2d, base: f64_2d,
     y: f64_2d,
 ):  # fmt: skip
-    """Base X = x and inertial place y; x goes there, for a first guess."""
+    """Base X = x and inertial place y. The first guess leaves out the forces, which the springs may bear."""
     for i in range(n):
         for c in ti.static(range(3)):
             base[i, c] = x[i, c]
-            y[i, c] = x[i, c] + dt * v[i, c]
+            x[i, c] += dt * v[i, c]
+            y[i, c] = x[i, c]
             if inverse_mass[i] > 0.0:
                 y[i, c] += dt * dt * external[i, c]
-            x[i, c] = y[i, c]
 
 
 @ti.kernel
 def newton(
-    touching: ti.template(), strands: ti.i32, iterations: ti.i32, limit: ti.f64, b: ti.f64,
+    touching: ti.template(), strands: ti.i32, iterations: ti.i32, limits: f32_1d, b: ti.f64,
     first: i32_1d, start: i32_1d, neighbour: i32_1d,
     row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
     band: f64_2d, z: f64_2d, tension: f64_1d, thickness: ti.f32, table: f32_2d,
@@ -209,7 +212,7 @@ def newton(
                     length = ti.max(d.norm(), 1e-20)
                     for e in range(start[i], start[i + 1]):
                         if neighbour[e] == i - 1:
-                            rest = row[e, 1]
+                            rest, limit = row[e, 1], limits[strand]
                             kept = ti.min(ti.max(length, rest * (1.0 - limit)), rest * (1.0 + limit))
                             for c in ti.static(range(3)):
                                 x[i, c] = x[i - 1, c] + d[c] * kept / length
@@ -223,10 +226,14 @@ class StrandSolver:
     name = "strands"
     longest = float("inf")
 
-    def __init__(self, whole: Assembly, points: Points, walls: Walls, iterations: int, limit: float) -> None:
-        self._limit = limit
-        self._points, self._walls, self._iterations = points, walls, iterations
-        chains = [chain + whole.first[name] for name, piece in whole.pieces.items() for chain in piece.chains]
+    def __init__(self, params: SpringsParams, whole: Assembly, points: Points, walls: Walls) -> None:
+        self._points, self._walls, self._iterations = points, walls, params.strands.iterations
+        chains: list[NDArray[np.int32]] = []
+        limits: list[float] = []
+        for name, piece in whole.pieces.items():
+            chains += [chain + whole.first[name] for chain in piece.chains]
+            limits += [params.pieces[name].strain_limit or UNLIMITED] * len(piece.chains)
+        self._limits = constant(np.array(limits))
         first = np.array([*(int(chain[0]) for chain in chains), whole.count], np.int32)
         self._count = len(chains)
         self._first = constant(first)
@@ -245,7 +252,7 @@ class StrandSolver:
         p, walls = self._points, self._walls
         start_step(p.count, dt, p.inverse_mass, p.external, p.x, p.v, self._base, self._y)
         newton(
-            walls.any, self._count, self._iterations, self._limit, dt, self._first, p.start, p.neighbour,
+            walls.any, self._count, self._iterations, self._limits, dt, self._first, p.start, p.neighbour,
             p.row, p.inverse_mass, self._base, self._y, p.x, p.v, self._band, self._z, self._tension,
             walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
             walls.friction,

@@ -57,10 +57,28 @@ class SpringSystem:
         ]
         self._pushed = [constant(which) for _, which in self._pushes]
         walls = Walls(params.contact, world.bodies, world.bounds)
+        self.solver = self._chosen_solver(walls)
+        self.curvature = Curvature(self.whole)
+        contact = params.contact
+        self.folds: SelfContact | None = None
+        if contact.self_collision and any(len(piece.triangles) for piece in self.whole.pieces.values()):
+            self.folds = SelfContact(
+                self.whole, self.points, walls, contact.self_thickness or contact.thickness,
+                contact.friction, self.solver,
+            )  # fmt: skip
+        self.sails = Sails(self.whole, world.seed)
+        self.limits = Limits(params, self.whole, self.points, self.solver.name != "strands")
+        self.report = Report(self.whole, params, self.limits)
+        self._was_pushed = [False] * len(self._pushes)
+        self._time = 0.0
+
+    def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver:
+        """The solver that the scene names, or the one that suits; SceneError where it cannot."""
+        params, name = self.params, self.name
         explicit = ExplicitSolver(
             self.whole, self.points, walls, params.explicit.integrator, params.explicit.safety
         )
-        chosen = params.solver
+        chosen: str = params.solver
         chains = not params.stitches and all(piece.chains for piece in self.whole.pieces.values())
         if chosen == "strands" and not chains:
             raise SceneError("solver: strands is for ropes and strands alone, without stitches")
@@ -74,27 +92,13 @@ class SpringSystem:
             chosen = "explicit" if explicit.longest >= EXPLICIT_FROM else "projective"
             chosen = "strands" if chains else chosen
             LOG.info("%s: solver %s (explicit steps would be %.3g s)", name, chosen, explicit.longest)
-        self.solver: ExplicitSolver | ProjectiveSolver | StrandSolver = explicit
         if chosen == "strands":
-            self.solver = StrandSolver(
-                self.whole, self.points, walls, params.strands.iterations, params.strands.strain_limit
-            )
+            return StrandSolver(params, self.whole, self.points, walls)
         if chosen == "projective":
-            self.solver = ProjectiveSolver(
+            return ProjectiveSolver(
                 self.whole, self.points, walls, params.projective.scheme, params.projective.iterations
             )
-        self.curvature = Curvature(self.whole)
-        contact = params.contact
-        self.folds: SelfContact | None = None
-        if contact.self_collision and any(len(piece.triangles) for piece in self.whole.pieces.values()):
-            self.folds = SelfContact(
-                self.whole, self.points, walls, contact.self_thickness or contact.thickness,
-                contact.friction, self.solver,
-            )  # fmt: skip
-        self.sails = Sails(self.whole, world.seed)
-        self.limits = Limits(params, self.whole, self.points)
-        self.report = Report(self.whole, params, self.limits)
-        self._time = 0.0
+        return explicit
 
     def max_step(self) -> float:
         """Largest step [s]: what is stable, or what is asked for."""
@@ -132,10 +136,13 @@ class SpringSystem:
         set_external(self.count, *now.gravity, now.air.drag, points.v, points.external)
         self.curvature.push(points)
         self.sails.blow(time, now.air, points)
-        for (key, which), array in zip(self._pushes, self._pushed, strict=True):
-            force = now.pushes[key].force
-            if any(force):
-                push(len(which), *force, array, points.inverse_mass, points.external)
+        pushed = [any(now.pushes[key].force) for key, _ in self._pushes]
+        for (key, which), array, pushes in zip(self._pushes, self._pushed, pushed, strict=True):
+            if pushes:
+                push(len(which), *now.pushes[key].force, array, points.inverse_mass, points.external)
+        if pushed != self._was_pushed:  # what two steps say of a force that begins or ends is wrong
+            self._was_pushed = pushed
+            self.solver.forget()
 
     def snapshot(self) -> tuple[Part, ...]:
         """Each piece: sheets, meshes and blocks as triangles, ropes and networks as lines."""
@@ -198,7 +205,7 @@ class SpringSystem:
         """Places, velocities, and what solver and pins remember."""
         points = self.points
         own = {"position": points.read(points.x), "velocity": points.read(points.v)}
-        own["time"] = np.array([self._time])
+        own |= {"time": np.array([self._time]), "pushed": np.array(self._was_pushed, np.bool_)}
         folds = {} if self.folds is None else self.folds.state()
         return own | self.solver.state() | self.pins.state() | self.limits.state() | folds
 
@@ -208,6 +215,7 @@ class SpringSystem:
         points.write(points.x, np.asarray(state["position"], np.float64))
         points.write(points.v, np.asarray(state["velocity"], np.float64))
         self._time = float(state["time"][0])
+        self._was_pushed = [bool(pushed) for pushed in state["pushed"]]
         self.pins.restore(state, points)
         self.solver.hold(self.pins.held)
         self.solver.restore(state)

@@ -32,6 +32,7 @@ from tianim.validate import (
     murmuration,
     springs_contact,
     springs_laws,
+    springs_self,
     springs_sheets,
     springs_solids,
     steering,
@@ -55,7 +56,13 @@ CASES: dict[str, tuple[Case, ...]] = {
         *fluid_bodies.CASES,
     ),
     "gravity": (*gravity.CASES, *gravity_forces.CASES, *gravity_galaxies.CASES),
-    "springs": (*springs_laws.CASES, *springs_sheets.CASES, *springs_contact.CASES, *springs_solids.CASES),
+    "springs": (
+        *springs_laws.CASES,
+        *springs_sheets.CASES,
+        *springs_contact.CASES,
+        *springs_solids.CASES,
+        *springs_self.CASES,
+    ),
     "vicsek": vicsek.CASES,
 }
 

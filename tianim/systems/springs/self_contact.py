@@ -4,7 +4,7 @@ After the solver's step, from x to x', the ways of all points are changed until 
 (after Bridson, Fedkiw, Anderson 2002, doi:10.1145/566570.566623):
 
  1. `self_pairs.py` lists the pairs of point and triangle, edge and edge, whose boxes meet on the way
- 2. those nearer than the thickness at x come no nearer, and make up a tenth of what lacks to it; friction
+ 2. those nearer than the thickness at x come no nearer, and make up a part of what lacks to it; friction
     holds them (`self_kernels.py`)
  3. those that would meet on the way (`closest.py`) become contacts too, until none would
  4. what is left after MOST_ROUNDS moves as a rigid body, or stays (`impact_zones.py`)
@@ -51,8 +51,9 @@ from tianim.systems.springs.self_pairs import PIECES, Ints, Pairs
 LOG = logging.getLogger("tianim")
 
 # Boxes are wider by this part of the thickness: half of NEAR, and how far points may be pushed with one list.
-NEAR_MARGIN, SLACK = 0.5 * NEAR, 0.6
-SWEEPS, ENOUGH = 20, 1e-3
+NEAR_MARGIN, SLACK = 0.5 * NEAR, 0.4
+# Times that all contacts are gone through at most, until none moves by this part of the thickness.
+SWEEPS, ENOUGH = 12, 4e-3
 MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 10, 12, 50
 FIRST_CONTACTS = 4096
 

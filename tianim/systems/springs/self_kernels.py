@@ -20,7 +20,7 @@ from tianim.systems.springs.self_pairs import PIECES, TURN
 WEIGHT, NORMAL, AIM, FRICTION, FORCE, NUMBERS = 0, 4, 7, 10, 11, 14
 # Pairs nearer than this many thicknesses at the start of a step are kept apart by it, if the solver brings
 # them within MARGIN thicknesses of what they are to keep.
-NEAR, MARGIN = 1.5, 0.2
+NEAR, MARGIN = 1.25, 0.2
 # Part of what lacks to the thickness that is made up in a step.
 RECOVERED = 0.1
 # Pairs of one surface keep at most this part of the distance that they had at rest.
@@ -244,6 +244,7 @@ def resolve(
 def farthest(n: ti.i32, a: f64_2d, b: f64_2d) -> ti.f64:
     """Largest distance of a point's places in a and b."""
     most = ti.cast(0.0, ti.f64)
+    ti.loop_config(serialize=True)
     for i in range(n):
         ti.atomic_max(most, (row(a, i) - row(b, i)).norm_sqr())
     return ti.sqrt(most)

@@ -106,7 +106,7 @@ class SelfContact:
             if near:
                 self._note(True)
                 self._note_walls(dt)
-                self._resolve()
+                self._resolve(SWEEPS)
             self._untangle(dt)
         self.pushed = self._contacts
         settle_moved(
@@ -116,14 +116,14 @@ class SelfContact:
 
     def _untangle(self, dt: float) -> None:
         """Contacts of all that would meet, until nothing does."""
-        for _ in range(MOST_ROUNDS):
+        for turn in range(MOST_ROUNDS):
             if not self._detect():
                 return
             walls = self._contacts == 0
             self._note(False)
             if walls:
                 self._note_walls(dt)
-            self._resolve()
+            self._resolve(SWEEPS * (1 + turn))
         if self._detect():
             self._fail_safe()
 
@@ -213,10 +213,10 @@ class SelfContact:
                 self._wall, self._corner, self._number,
             )  # fmt: skip
 
-    def _resolve(self) -> None:
+    def _resolve(self, sweeps: int) -> None:
         points = self._points
         resolve(
-            SWEEPS,
+            sweeps,
             self._contacts,
             ENOUGH * self._h,
             self._corner,

@@ -30,7 +30,7 @@ LEAST, LEAST_OF_GAP = 0.1, 0.8
 # What would come nearer is kept this part of the thickness apart.
 KEPT = 0.3
 # Part of the forces of a step that the solver knows in the next: less than all, so that they end.
-PASSED_ON = 0.8
+PASSED_ON = 0.95
 NEVER = 2.0
 
 

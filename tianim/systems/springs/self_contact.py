@@ -54,7 +54,7 @@ LOG = logging.getLogger("tianim")
 NEAR_MARGIN, SLACK = 0.5 * NEAR, 0.4
 # Times that all contacts are gone through at most, until none moves by this part of the thickness.
 SWEEPS, ENOUGH = 12, 4e-3
-MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 10, 12, 50
+MOST_EXTRA, MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 2, 10, 12, 50
 FIRST_CONTACTS = 4096
 
 
@@ -77,8 +77,8 @@ class SelfContact:
         self._group.from_numpy(group)
         room = (points.capacity, 3)
         self._start, self._solved, self._listed, self._rest = (ti.ndarray(ti.f64, room) for _ in range(4))
-        self._push: Any = ti.ndarray(ti.f64, room)
-        self._push.fill(0.0)
+        self._push, self._total = (ti.ndarray(ti.f64, room) for _ in range(2))
+        self.forget()
         points.write(self._rest, whole.position)
         self._met, self._offset = (ti.ndarray(ti.i32, PIECES) for _ in range(2))
         self._busy: Any = ti.ndarray(ti.i32, points.capacity)
@@ -111,7 +111,7 @@ class SelfContact:
         self.pushed = self._contacts
         settle_moved(
             points.count, dt, int(self._walls.any), int(self._implicit), points.inverse_mass, self._start,
-            self._solved, points.x, points.v, self._touched, self._push,
+            self._solved, points.x, points.v, self._touched, self._push, self._total,
         )  # fmt: skip
 
     def _untangle(self, dt: float) -> None:
@@ -123,7 +123,7 @@ class SelfContact:
             self._note(False)
             if walls:
                 self._note_walls(dt)
-            self._resolve(SWEEPS * (1 + turn))
+            self._resolve(SWEEPS * min(1 + turn, MOST_EXTRA))
         if self._detect():
             self._fail_safe()
 
@@ -241,15 +241,18 @@ class SelfContact:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """What pushed in the last step."""
-        return {"self_push": self._points.read(self._push)}
+        points = self._points
+        return {"self_push": points.read(self._push), "self_total": points.read(self._total)}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
-        self._points.write(self._push, np.asarray(state["self_push"], np.float64))
+        for name, array in (("self_push", self._push), ("self_total", self._total)):
+            self._points.write(array, np.asarray(state[name], np.float64))
 
     def forget(self) -> None:
         """Nothing pushed: places or velocities were set."""
         self._push.fill(0.0)
+        self._total.fill(0.0)
 
     def diagnostics(self) -> Mapping[str, float]:
         """Pairs and bodies' contacts in the last step, and points in the fail-safe."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fluid_methods import DENSITIES, Flow, cube
 
-from tianim.system import Bounds
 from tianim.spatial.crew import MOST_TURNS
+from tianim.system import Bounds
 from tianim.systems.fluid.pbf import AT_SPACING, FIRST, MOST_ITERATIONS, RENEWAL, STEEP, WARM, Pbf, plan_of
 from tianim.systems.fluid.pbf_passes import FINISH, PREPARE, PUSH, RELAX, RELAXATION, RENEW
 from tianim.systems.fluid.vorticity import Vorticity

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tianim.spatial.bodies import Bodies
-from tianim.system import Bounds
 from tianim.spatial.crew import Crew
+from tianim.system import Bounds
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import Walls as WallParams
 from tianim.systems.fluid.particles import Particles

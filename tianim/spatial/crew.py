@@ -23,10 +23,13 @@ Limits: as many workers must run at once as there are tasks, which holds on a CP
 other back ends the same passes are launched one by one.
 """
 
+import time
 from typing import Any
 
 from tianim.lang import CPU_BLOCK, i32_1d, ti, workers
 
+# A pace that seems slower is tried again after so many steps.
+PROBE = 48
 PIECE = 512  # particles taken at a time
 PIECES_A_TASK = 4  # at least
 MOST_TURNS = 1024  # passes of one kernel
@@ -76,6 +79,36 @@ def reset(crew: i32_1d):
     ti.loop_config(serialize=True)
     for k in range(crew.shape[0]):
         crew[k] = 0
+
+
+class Pace:
+    """How many tasks a step takes: all, or one where the others are waited for too long.
+
+    On a busy machine a worker that is held up keeps all others spinning, and a step may take 30 times as
+    long as by one alone. Both ways are timed, the slower one again every PROBE steps. Results must not depend
+    on it.
+    """
+
+    def __init__(self) -> None:
+        self._seconds: dict[bool, float] = {}
+        self._since = 0
+        self._together = True
+        self._started = 0.0
+
+    def begin(self, tasks: int) -> int:
+        """Tasks of the step that begins, of so many that there might be."""
+        self._together = len(self._seconds) == 0
+        if len(self._seconds) == 2:
+            self._since += 1
+            quicker = self._seconds[True] <= self._seconds[False]
+            self._together = quicker if self._since % PROBE else not quicker
+        self._started = time.perf_counter()
+        return tasks if self._together else 1
+
+    def end(self) -> None:
+        """The step is done."""
+        took, before = time.perf_counter() - self._started, self._seconds.get(self._together)
+        self._seconds[self._together] = took if before is None else 0.5 * (before + took)
 
 
 class Crew:

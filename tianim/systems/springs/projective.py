@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
-from tianim.spatial.crew import MOST_TURNS, Crew, first_of, last_of, meet, pieces, take
+from tianim.spatial.crew import MOST_TURNS, Crew, Pace, first_of, last_of, meet, pieces, take
 from tianim.systems.springs.assembly import Assembly, implicit_matrix
 from tianim.systems.springs.contact import Walls
-from tianim.systems.springs.contact_forces import begin_from, lack_at, part, press
+from tianim.systems.springs.contact_forces import WIDTH, forget_planes, lack_at, part, press
 from tianim.systems.springs.factor import Factor, backward_row, factorise, forward_row
 from tianim.systems.springs.points import Points
 
@@ -87,7 +87,7 @@ def finish(n: ti.i32, b: ti.f64, inverse_mass: f64_1d, base: f64_2d, x: f64_2d, 
 def residual_at(
     damped: ti.template(), b, start: ti.template(), neighbour: ti.template(), row: ti.template(),
     inverse_mass: ti.template(), base: ti.template(), y: ti.template(), x: ti.template(),
-    applied: ti.template(), i,
+    force: ti.template(), i,
 ):  # fmt: skip
     """r_i [N]; 0 where i is held."""
     r = ti.Vector([0.0, 0.0, 0.0])
@@ -100,16 +100,17 @@ def residual_at(
             dz = ti.cast(x[j, 2] - x[i, 2], ti.f32)
             inverse = 1.0 / ti.sqrt(ti.max(dx * dx + dy * dy + dz * dz, 1e-30))
             s = row[e, 0] * (1.0 - row[e, 1] * inverse) + row[e, 3]
-            if ti.static(damped):
-                ux = dx - ti.cast(base[j, 0] - base[i, 0], ti.f32)
-                uy = dy - ti.cast(base[j, 1] - base[i, 1], ti.f32)
-                uz = dz - ti.cast(base[j, 2] - base[i, 2], ti.f32)
-                closing = (ux * dx + uy * dy + uz * dz) * inverse * inverse
-                s += row[e, 2] * closing / ti.cast(b, ti.f32)
             f += ti.Vector([s * dx, s * dy, s * dz])
+            if ti.static(damped):
+                bx = ti.cast(base[j, 0] - base[i, 0], ti.f32)
+                by = ti.cast(base[j, 1] - base[i, 1], ti.f32)
+                bz = ti.cast(base[j, 2] - base[i, 2], ti.f32)
+                closing = (dx - bx) * bx + (dy - by) * by + (dz - bz) * bz
+                s = row[e, 2] * closing / (ti.cast(b, ti.f32) * ti.max(bx * bx + by * by + bz * bz, 1e-30))
+                f += ti.Vector([s * bx, s * by, s * bz])
         heavy = 1.0 / (inverse_mass[i] * b * b)
         for c in ti.static(range(3)):
-            r[c] = ti.cast(f[c] + heavy * (y[i, c] - x[i, c]), ti.f32) + applied[i, c]
+            r[c] = ti.cast(f[c] + heavy * (y[i, c] - x[i, c]), ti.f32) + force[i, c]
     return r
 
 
@@ -122,8 +123,8 @@ def relax(
     column_start: i32_1d, below: i32_1d, column_value: f32_1d, inverse: f32_1d,
     bins: ti.i32, range_start: i32_1d, ranges: i32_2d, top_count: ti.i32, tops: i32_1d, z: f32_2d,
     dt: ti.f32, thickness: ti.f32, table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d,
-    friction: f32_1d, x_before: f64_2d, force: f32_2d, applied: f32_2d, lack: f32_2d,
-    normal: f32_2d,
+    friction: f32_1d, x_before: f64_2d, force: f32_2d, lack: f32_2d,
+    normal: f32_2d, plane: f64_2d,
 ):  # fmt: skip
     """Iterations of x += A^-1 r, turn by turn."""
     for block in range(tasks * stride):
@@ -136,7 +137,7 @@ def relax(
                     while piece < pieces(n):
                         for i in range(first_of(piece), last_of(piece, n)):
                             r = residual_at(
-                                damped, b, start, neighbour, row, inverse_mass, base, y, x, applied, i
+                                damped, b, start, neighbour, row, inverse_mass, base, y, x, force, i
                             )
                             k = place[i]
                             z[k, 0], z[k, 1], z[k, 2] = r[0], r[1], r[2]
@@ -178,12 +179,12 @@ def relax(
                                     if inverse_mass[i] > 0.0:
                                         lack_at(
                                             thickness, dt, table, samples, count, bounds, friction, x_before,
-                                            x, force, lack, normal, i,
+                                            x, force, lack, normal, plane, i,
                                         )  # fmt: skip
                                 elif inverse_mass[i] > 0.0:
                                     press(
                                         b, start, neighbour, row, inverse_mass, lack, normal, force,
-                                        applied, i,
+                                        i,
                                     )  # fmt: skip
                             piece = take(crew, turn)
                 meet(crew, tasks)
@@ -212,13 +213,14 @@ class ProjectiveSolver:
             array.fill(0.0)
         self.touched: Any = ti.ndarray(ti.i32, points.capacity)
         self.touched.fill(0)
-        self._force, self._applied, self._normal = (ti.ndarray(ti.f32, room) for _ in range(3))
+        self._force, self._normal = (ti.ndarray(ti.f32, room) for _ in range(2))
         self._force.fill(0.0)
-        self._applied.fill(0.0)
+        self._plane: Any = ti.ndarray(ti.f64, (points.capacity, WIDTH))
         self._lack: Any = ti.ndarray(ti.f32, (points.capacity, 4))
         self._z: Any = ti.ndarray(ti.f32, room)
         self._passes = 6 if walls.any else 4
-        self._crew = Crew(points.count)
+        self._crew, self._pace = Crew(points.count), Pace()
+        self._tasks = 1
         self._held = np.zeros(whole.count, np.bool_)
         self._factor: Factor | None = None
         self._factored_for = 0.0
@@ -241,7 +243,8 @@ class ProjectiveSolver:
             self.touched, self._x_before, self._v_before, self._base, self._y,
         )  # fmt: skip
         if self._walls.any:
-            begin_from(n, self._force, self._applied)
+            forget_planes(n, self._plane)
+        self._tasks = self._pace.begin(self._crew.tasks_for(n))
         self._crew.begin()
         turns = self._passes * self._iterations * (SINGLE if single else 1)
         at_once = self._passes * (MOST_TURNS // self._passes) if self._crew.works else 1
@@ -250,6 +253,7 @@ class ProjectiveSolver:
                 self._crew.begin()
             last = min(first + at_once, turns)
             self._relax(factor, dt, b, *((0, last - first) if self._crew.works else (first, last)))
+        self._pace.end()
         finish(n, b, points.inverse_mass, self._base, points.x, points.v)
         if self._walls.any:
             self._part(dt)
@@ -273,13 +277,14 @@ class ProjectiveSolver:
     def _relax(self, factor: Factor, dt: float, b: float, first: int, last: int) -> None:
         p, crew, walls = self._points, self._crew, self._walls
         relax(
-            self._damped, walls.any, self._passes, crew.tasks_for(p.count), crew.stride, first, last,
+            self._damped, walls.any, self._passes, self._tasks, crew.stride, first, last,
             p.count, b, crew.array, p.start, p.neighbour, p.row, p.inverse_mass,
             self._base, self._y, p.x, factor.place, factor.point, factor.row_start, factor.row,
             factor.row_value, factor.column_start, factor.column, factor.column_value, factor.inverse,
             factor.bins, factor.range_start, factor.ranges, factor.top_count, factor.tops, self._z, dt,
             walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
-            walls.friction, self._x_before, self._force, self._applied, self._lack, self._normal,
+            walls.friction, self._x_before, self._force, self._lack, self._normal,
+            self._plane,
         )  # fmt: skip
 
     def forget(self) -> None:

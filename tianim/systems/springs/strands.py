@@ -39,6 +39,8 @@ PRESSED = 1.0
 # Most that one end of a segment goes past the other in an iteration, in lengths of the segment: what turns is
 # stretched by half the square of it.
 MOST_TURN = 0.2
+# Turns of length and body about each point at the end: one undoes a little of the other.
+SETTLE = 5
 # Strain limit of what has none.
 UNLIMITED = 1e6
 # Floats of a point: the inverse of D (6, symmetric), L of the point before (9), of the one before that (9).
@@ -204,18 +206,24 @@ def newton(
             for i in range(first[strand], first[strand + 1]):
                 for c in ti.static(range(3)):
                     x[i, c] = x[i, c] + part * z[i, c]
-        # From the root on, no segment is longer or shorter than the limit.
+        # From the root on, no segment is longer or shorter than the limit, and none is in a body.
         for i in range(first[strand], first[strand + 1]):
             if inverse_mass[i] > 0.0:
-                if i > first[strand]:
-                    d = _triple(x, i) - _triple(x, i - 1)
-                    length = ti.max(d.norm(), 1e-20)
-                    for e in range(start[i], start[i + 1]):
-                        if neighbour[e] == i - 1:
-                            rest, limit = row[e, 1], limits[strand]
-                            kept = ti.min(ti.max(length, rest * (1.0 - limit)), rest * (1.0 + limit))
-                            for c in ti.static(range(3)):
-                                x[i, c] = x[i - 1, c] + d[c] * kept / length
+                for _ in range(SETTLE):
+                    if i > first[strand]:
+                        d = _triple(x, i) - _triple(x, i - 1)
+                        length = ti.max(d.norm(), 1e-20)
+                        for e in range(start[i], start[i + 1]):
+                            if neighbour[e] == i - 1:
+                                rest, limit = row[e, 1], limits[strand]
+                                kept = ti.min(ti.max(length, rest * (1.0 - limit)), rest * (1.0 + limit))
+                                for c in ti.static(range(3)):
+                                    x[i, c] = x[i - 1, c] + d[c] * kept / length
+                    if ti.static(touching):
+                        begin, end = ti.cast(_triple(base, i), ti.f32), ti.cast(_triple(x, i), ti.f32)
+                        hit, _which = met_wall(table, samples, count, bounds, thickness, h, begin, end)
+                        for c in ti.static(range(3)):
+                            x[i, c] = x[i, c] + ti.max(thickness - hit.w, 0.0) * hit[c]
                 for c in ti.static(range(3)):
                     v[i, c] = (x[i, c] - base[i, c]) / b
 

@@ -5,7 +5,8 @@
 What a piece is made into: `network.py`; the two ways to step: `explicit.py` and `projective.py`; what bodies
 do: `contact.py`.
 
-Limits: pieces pass through each other and through themselves.
+Limits: pieces pass through each other and through themselves unless `contact.self_collision` is on, which
+knows surfaces alone (`self_contact.py`): ropes and strands have none.
 """
 
 import logging

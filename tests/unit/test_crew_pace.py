@@ -30,14 +30,25 @@ def tasks_of(monkeypatch: pytest.MonkeyPatch, together: float, alone: float, ste
 
 def test_all_work_where_that_is_quicker(monkeypatch: pytest.MonkeyPatch) -> None:
     tasks = tasks_of(monkeypatch, 1.0, 2.0, 5 * PROBE)
-    assert tasks[:3] == [4, 1, 4]
+    assert tasks[:4] == [4, 4, 1, 4]  # the first is not timed
     assert tasks.count(1) == 1 + 4  # the first try, and every PROBE steps
 
 
 def test_one_works_where_the_others_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     tasks = tasks_of(monkeypatch, 30.0, 2.0, 5 * PROBE)
-    assert tasks[:3] == [4, 1, 1]
-    assert tasks.count(4) == 1 + 4
+    assert tasks[:4] == [4, 4, 1, 1]
+    assert tasks.count(4) == 2 + 4
+
+
+def test_a_first_step_that_compiles_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, pace = Clock(), Pace()
+    monkeypatch.setattr(crew, "time", clock)
+    tasks = []
+    for step in range(10):
+        tasks.append(pace.begin(4))
+        clock.now += 1000.0 if step == 0 else (1.0 if tasks[-1] == 4 else 2.0)
+        pace.end()
+    assert tasks[3:] == [4] * 7
 
 
 def test_a_machine_that_gets_quiet_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,6 +93,7 @@ class Pace:
         self._seconds: dict[bool, float] = {}
         self._since = 0
         self._together = True
+        self._warm = False
         self._started = 0.0
 
     def begin(self, tasks: int) -> int:
@@ -108,7 +109,9 @@ class Pace:
     def end(self) -> None:
         """The step is done."""
         took, before = time.perf_counter() - self._started, self._seconds.get(self._together)
-        self._seconds[self._together] = took if before is None else 0.5 * (before + took)
+        if self._warm:  # the first compiles
+            self._seconds[self._together] = took if before is None else min(took, 0.5 * (before + took))
+        self._warm = True
 
 
 class Crew:

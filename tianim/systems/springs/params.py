@@ -81,10 +81,10 @@ class Push(Pick):
 class Stitch(Params):
     """Points of two pieces joined one to one, by springs of no length."""
 
-    first: Pick = Field(description="points of one piece", examples=[{"piece": "a", "points": "right"}])
+    first: Pick = Field(description="points of one piece", examples=[{"piece": "cloth", "points": "right"}])
     second: Pick = Field(
         description="as many points of another, in the same order",
-        examples=[{"piece": "b", "points": "left"}],
+        examples=[{"piece": "cloth", "points": "left"}],
     )
     stiffness: Positive = Field(1e4, description="of each joint [N/m]")
     damping: NonNegative = Field(0.0, description="of each joint [N s/m]")

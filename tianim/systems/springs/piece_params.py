@@ -294,7 +294,7 @@ class Solid(Piece):
 class NetworkSpring(Params):
     """One spring between two points of a network."""
 
-    between: tuple[Index, Index] = Field(description="numbers of its two points, from 0")
+    between: tuple[Index, Index] = Field(description="numbers of its two points, from 0", examples=[[0, 1]])
     stiffness: Positive = Field(10.0, description="force over length [N/m]")
     rest_length: NonNegative | None = Field(
         None, description="[m]; left out: as far as its points are apart at the start; 0: it pulls always"
@@ -306,7 +306,7 @@ class NetworkHinge(Params):
     """An angular spring: two triangles of a network that share an edge keep their angle."""
 
     points: tuple[Index, Index, Index, Index] = Field(
-        description="the two ends of the edge, then the corner on either side"
+        description="the two ends of the edge, then the corner on either side", examples=[[0, 1, 2, 3]]
     )
     stiffness: Positive = Field(1.0, description="torque over angle [N m]")
     angle: Annotated[float, Field(gt=-180, lt=180)] | None = Field(
@@ -321,7 +321,7 @@ class Network(Piece):
     kind: Literal["network"] = "network"
     points: tuple[Vector3, ...] = Field(
         min_length=1, max_length=MOST_SEGMENTS, description="places of the masses [m]",
-        examples=[[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]],
+        examples=[[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.5, -1.0, 0.0]]],
     )  # fmt: skip
     mass: Positive | tuple[Positive, ...] = Field(1.0, description="of every point, or of each [kg]")
     velocities: tuple[Vector3, ...] = Field((), description="of each point at the start [m/s]; left out: 0")

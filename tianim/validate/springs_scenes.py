@@ -75,7 +75,7 @@ def run(
     frames: int = 1,
 ) -> Any:
     """The system, so many seconds on, in equal steps within what it allows; `look` after each frame."""
-    length = seconds / frames
+    length = float(seconds) / frames
     steps = int(np.ceil(length / system.max_step() - 1e-9))
     for frame in range(frames):
         advance(system, steps, length / steps, start + frame * length)

@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 # Short tests of the kernels, for a second compiler.
 QUADRANTS_TESTS := tests/physics/test_every_system.py tests/physics/test_gravity_forces.py \
   tests/physics/test_fluid_pressure.py tests/unit/test_fluid_pairs.py tests/unit/test_grid.py \
-  tests/unit/test_octree.py
+  tests/unit/test_octree.py tests/unit/test_springs_hinges.py tests/unit/test_springs_limits.py
 
 SCENES := $(basename $(notdir $(wildcard configs/*.yaml)))
 

@@ -18,6 +18,7 @@ from tianim.errors import SceneError, TianimError
 N = 500
 # Of the double dam break at 500 asked for: two columns of 5 x 7 x 5 or so, as the peers' script makes them.
 COLUMNS = 2 * 5 * 7 * 5
+SQUARE = round(N**0.5) ** 2  # points of a sheet that is as long as wide
 KEYS = {
     "case",
     "variant",
@@ -55,6 +56,7 @@ VARIANTS = {
     ],
     "render": ["darts", "spheres"],
     "startup": ["first frame", "first step"],
+    "springs": ["hang", "swing", "drape", "drape, explicit"],
 }
 # One step in float32 against float64: velocities of 1 m/s from sums of some 20 terms up to 1/d.
 STEP_TOLERANCE = 1e-3
@@ -104,7 +106,7 @@ def test_a_tiny_run(name: str) -> None:
         assert set(line) == KEYS
         assert json.loads(json.dumps(line, allow_nan=False)) == line
         assert (line["case"], line["engine"], line["threads"]) == (name, "tianim", 2)
-        assert line["n"] == (COLUMNS if name == "fluid" else N)
+        assert line["n"] == {"fluid": COLUMNS, "springs": SQUARE}.get(name, N)
         assert 0 < line["ms_min"] <= line["ms_per_step"]
         assert line["ns_per_item_step"] == pytest.approx(1e6 * line["ms_per_step"] / line["n"], rel=1e-3)
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from checks import as_tests, assert_passes
+from checks import as_tests, assert_passes_or_is_known
 from scipy.integrate import quad, solve_bvp
 from scipy.optimize import brentq
 
@@ -31,19 +31,11 @@ SHORT = {
         0.05, "projective steps turn ropes slowly: solver strands is for them"
     ),
 }  # fmt: skip
-WORSE = 2.0
 
 
 @pytest.mark.parametrize("case", as_tests(CASES["springs"]))
 def test_case(case: Case) -> None:
-    if case.name not in SHORT:
-        assert_passes(case)
-        return
-    beyond, why = SHORT[case.name]
-    measured = case.run()
-    assert abs(case.error(measured)) < WORSE * beyond, f"{measured:g} ({why})"
-    if not case.passed(measured):
-        pytest.xfail(f"{measured:g}: {why}")
+    assert_passes_or_is_known(case, SHORT)
 
 
 def test_what_falls_short_is_a_case() -> None:

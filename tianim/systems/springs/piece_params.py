@@ -234,7 +234,26 @@ class Strands(Piece):
         return self.count * self.segments
 
 
-class Block(Piece):
+class CellBox(Piece):
+    """A box of cubic cells."""
+
+    size: Positive3 = Field((0.3, 0.3, 0.3), description="lengths along its x, y, z [m]")
+    spacing: Positive = Field(0.05, description="side of a cell [m], about: a whole number of cells fits")
+    position: Vector3 = Field(ORIGIN, description="its centre [m]")
+    rotation: Vector3 = Field(ORIGIN, description="angles about its own x, then y, then z axis [deg]")
+    density: Positive = Field(1000.0, description="mass per volume [kg/m3]")
+
+    def cells(self) -> tuple[int, int, int]:
+        """Cells along x, y, z."""
+        x, y, z = (max(round(length / self.spacing), 1) for length in self.size)
+        return x, y, z
+
+    def point_count(self) -> int:
+        """Corners of all cells."""
+        return math.prod(cells + 1 for cells in self.cells())
+
+
+class Block(CellBox):
     """A box of cubic cells with springs along edges and face diagonals: jelly.
 
     Equal springs k = 0.4 E h on edges and face diagonals of a lattice h make an isotropic solid of Young's
@@ -242,49 +261,21 @@ class Block(Piece):
     """
 
     kind: Literal["block"] = "block"
-    size: Positive3 = Field((0.3, 0.3, 0.3), description="lengths along its x, y, z [m]")
-    spacing: Positive = Field(0.05, description="side of a cell [m], about: a whole number of cells fits")
-    position: Vector3 = Field(ORIGIN, description="its centre [m]")
-    rotation: Vector3 = Field(ORIGIN, description="angles about its own x, then y, then z axis [deg]")
-    density: Positive = Field(1000.0, description="mass per volume [kg/m3]")
     stiffness: Positive = Field(2e4, description="Young's modulus [Pa]; jelly 1e4")
     damping: Damping = Field(5e-3, description="internal damping of its springs, as a time [s]")
-
-    def cells(self) -> tuple[int, int, int]:
-        """Cells along x, y, z."""
-        x, y, z = (max(round(length / self.spacing), 1) for length in self.size)
-        return x, y, z
-
-    def point_count(self) -> int:
-        """Corners of all cells."""
-        return math.prod(cells + 1 for cells in self.cells())
 
     def spring_count(self) -> int:
         """Three edges and six diagonals a point."""
         return 9 * self.point_count()
 
 
-class Solid(Piece):
+class Solid(CellBox):
     """A box of tetrahedra, five in each cell: elastic with any Poisson's ratio (`solids.py`)."""
 
     kind: Literal["solid"] = "solid"
-    size: Positive3 = Field((0.3, 0.3, 0.3), description="lengths along its x, y, z [m]")
-    spacing: Positive = Field(0.05, description="side of a cell [m], about: a whole number of cells fits")
-    position: Vector3 = Field(ORIGIN, description="its centre [m]")
-    rotation: Vector3 = Field(ORIGIN, description="angles about its own x, then y, then z axis [deg]")
-    density: Positive = Field(1000.0, description="mass per volume [kg/m3]")
     stiffness: Positive = Field(2e4, description="Young's modulus [Pa]; jelly 1e4, rubber 1e6")
     poisson: Annotated[float, Field(ge=0, le=0.49)] = Field(0.3, description="Poisson's ratio")
     damping: Damping = Field(5e-3, description="internal damping, as a time [s]")
-
-    def cells(self) -> tuple[int, int, int]:
-        """Cells along x, y, z."""
-        x, y, z = (max(round(length / self.spacing), 1) for length in self.size)
-        return x, y, z
-
-    def point_count(self) -> int:
-        """Corners of all cells."""
-        return math.prod(cells + 1 for cells in self.cells())
 
     def spring_count(self) -> int:
         """Five tetrahedra a cell, each of which takes as much as four springs."""

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_2d, f64_2d, i32_1d, i32_2d, ti, workers
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.closest import EDGE_EDGE, POINT_TRIANGLE
 
 Floats = NDArray[np.float64]
@@ -191,9 +192,9 @@ class Pairs:
         order, self.leaves = halved(position[triangles].mean(axis=1))
         self.triangles = np.ascontiguousarray(triangles[order[order >= 0]], np.int32)
         self.tasks, self.stride = workers()
-        self._triangle = _as_array(self.triangles)
-        self._own = _as_array(owners(self.triangles))
-        self.same = _as_array(same)
+        self._triangle = constant(self.triangles)
+        self._own = constant(owners(self.triangles))
+        self.same = constant(same)
         self._box = ti.ndarray(ti.f32, (self.points, 6))
         self._node = ti.ndarray(ti.f32, (2 * self.leaves, 6))
         self._node.from_numpy(np.tile(np.array([FAR] * 3 + [-FAR] * 3, np.float32), (2 * self.leaves, 1)))
@@ -220,9 +221,3 @@ class Pairs:
             if counts.max() <= self.room:
                 return int(counts.sum())
             self._make_room(int(1.5 * counts.max()))
-
-
-def _as_array(values: Ints) -> Any:
-    array = ti.ndarray(ti.i32, values.shape)
-    array.from_numpy(np.ascontiguousarray(values, np.int32))
-    return array

@@ -24,7 +24,7 @@ from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import assemble
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.curvature import Curvature
-from tianim.systems.springs.explicit import ExplicitSolver
+from tianim.systems.springs.explicit import ExplicitSolver, longest_step
 from tianim.systems.springs.limits import Limits
 from tianim.systems.springs.params import EXPLICIT_FROM, SpringsParams
 from tianim.systems.springs.pins import Pins
@@ -75,31 +75,29 @@ class SpringSystem:
 
     def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver:
         """The solver that the scene names, or the one that suits; SceneError where it cannot."""
-        params, name = self.params, self.name
-        explicit = ExplicitSolver(
-            self.whole, self.points, walls, params.explicit.integrator, params.explicit.safety
-        )
+        params, whole, points = self.params, self.whole, self.points
         chosen: str = params.solver
-        chains = not params.stitches and all(piece.chains for piece in self.whole.pieces.values())
+        chains = not params.stitches and all(piece.chains for piece in whole.pieces.values())
         if chosen == "strands" and not chains:
             raise SceneError("solver: strands is for ropes and strands alone, without stitches")
-        needs = {"hinges": len(self.whole.hinges.points), "solids": self.whole.elements is not None}
+        needs = {"hinges": len(whole.hinges.points), "solids": whole.elements is not None}
         if any(needs.values()):
             if chosen not in ("auto", "explicit"):
                 what = " and ".join(name for name, there in needs.items() if there)
                 raise SceneError(f"solver: {what} need explicit steps, not {chosen}")
             chosen = "explicit"
         if chosen == "auto":
-            chosen = "explicit" if explicit.longest >= EXPLICIT_FROM else "projective"
+            step = params.explicit.safety * longest_step(whole)
+            chosen = "explicit" if step >= EXPLICIT_FROM else "projective"
             chosen = "strands" if chains else chosen
-            LOG.info("%s: solver %s (explicit steps would be %.3g s)", name, chosen, explicit.longest)
+            LOG.info("%s: solver %s (explicit steps would be %.3g s)", self.name, chosen, step)
         if chosen == "strands":
-            return StrandSolver(params, self.whole, self.points, walls)
+            return StrandSolver(params, whole, points, walls)
         if chosen == "projective":
             return ProjectiveSolver(
-                self.whole, self.points, walls, params.projective.scheme, params.projective.iterations
+                whole, points, walls, params.projective.scheme, params.projective.iterations
             )
-        return explicit
+        return ExplicitSolver(whole, points, walls, params.explicit.integrator, params.explicit.safety)
 
     def max_step(self) -> float:
         """Largest step [s]: what is stable, or what is asked for."""

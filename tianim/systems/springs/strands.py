@@ -80,6 +80,45 @@ def start_step(
                 y[i, c] += dt * dt * external[i, c]
 
 
+@ti.func
+def _stored(band: ti.template(), p):
+    """The inverse of D of point p."""
+    return ti.Matrix([
+        [band[p, 0], band[p, 1], band[p, 2]], [band[p, 1], band[p, 3], band[p, 4]],
+        [band[p, 2], band[p, 4], band[p, 5]],
+    ])  # fmt: skip
+
+
+@ti.func
+def settle(
+    touching: ti.template(), strand, b, limit, first: ti.template(), start: ti.template(),
+    neighbour: ti.template(), row: ti.template(), inverse_mass: ti.template(), base: ti.template(),
+    x: ti.template(), v: ti.template(), thickness, table: ti.template(), samples: ti.template(), count,
+    bounds: ti.template(),
+):  # fmt: skip
+    """From the root on, no segment is longer or shorter than the limit, and none is in a body; velocities."""
+    h = ti.cast(b, ti.f32)
+    for i in range(first[strand], first[strand + 1]):
+        if inverse_mass[i] > 0.0:
+            for _ in range(SETTLE):
+                if i > first[strand]:
+                    d = _triple(x, i) - _triple(x, i - 1)
+                    length = ti.max(d.norm(), 1e-20)
+                    for e in range(start[i], start[i + 1]):
+                        if neighbour[e] == i - 1:
+                            rest = row[e, 1]
+                            kept = ti.min(ti.max(length, rest * (1.0 - limit)), rest * (1.0 + limit))
+                            for c in ti.static(range(3)):
+                                x[i, c] = x[i - 1, c] + d[c] * kept / length
+                if ti.static(touching):
+                    begin, end = ti.cast(_triple(base, i), ti.f32), ti.cast(_triple(x, i), ti.f32)
+                    hit, _which = met_wall(table, samples, count, bounds, thickness, h, begin, end)
+                    for c in ti.static(range(3)):
+                        x[i, c] = x[i, c] + ti.max(thickness - hit.w, 0.0) * hit[c]
+            for c in ti.static(range(3)):
+                v[i, c] = (x[i, c] - base[i, c]) / b
+
+
 @ti.kernel
 def newton(
     touching: ti.template(), strands: ti.i32, iterations: ti.i32, limits: f32_1d, b: ti.f64,
@@ -148,20 +187,14 @@ def newton(
                 L2 = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], ti.f64)
                 if far != 0.0:
                     p = i - 2
-                    L2 = far * ti.Matrix([
-                        [band[p, 0], band[p, 1], band[p, 2]], [band[p, 1], band[p, 3], band[p, 4]],
-                        [band[p, 2], band[p, 4], band[p, 5]],
-                    ])  # fmt: skip
+                    L2 = far * _stored(band, p)
                     A -= far * last.transpose()
                     D -= far * L2
                     r -= L2 @ _triple(z, p)
                 L1 = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], ti.f64)
                 if i > first[strand]:
                     p = i - 1
-                    L1 = A @ ti.Matrix([
-                        [band[p, 0], band[p, 1], band[p, 2]], [band[p, 1], band[p, 3], band[p, 4]],
-                        [band[p, 2], band[p, 4], band[p, 5]],
-                    ])  # fmt: skip
+                    L1 = A @ _stored(band, p)
                     D -= L1 @ A.transpose()
                     r -= L1 @ _triple(z, p)
                 own = _inverse(D)
@@ -177,12 +210,7 @@ def newton(
             total = first[strand + 1] - first[strand]
             for back in range(total):
                 i = first[strand + 1] - 1 - back
-                w = _triple(z, i)
-                s = ti.Vector([
-                    band[i, 0] * w.x + band[i, 1] * w.y + band[i, 2] * w.z,
-                    band[i, 1] * w.x + band[i, 3] * w.y + band[i, 4] * w.z,
-                    band[i, 2] * w.x + band[i, 4] * w.y + band[i, 5] * w.z,
-                ])  # fmt: skip
+                s = _stored(band, i) @ _triple(z, i)
                 for ahead in ti.static(range(1, 3)):
                     if back >= ahead:
                         j = i + ahead
@@ -206,26 +234,10 @@ def newton(
             for i in range(first[strand], first[strand + 1]):
                 for c in ti.static(range(3)):
                     x[i, c] = x[i, c] + part * z[i, c]
-        # From the root on, no segment is longer or shorter than the limit, and none is in a body.
-        for i in range(first[strand], first[strand + 1]):
-            if inverse_mass[i] > 0.0:
-                for _ in range(SETTLE):
-                    if i > first[strand]:
-                        d = _triple(x, i) - _triple(x, i - 1)
-                        length = ti.max(d.norm(), 1e-20)
-                        for e in range(start[i], start[i + 1]):
-                            if neighbour[e] == i - 1:
-                                rest, limit = row[e, 1], limits[strand]
-                                kept = ti.min(ti.max(length, rest * (1.0 - limit)), rest * (1.0 + limit))
-                                for c in ti.static(range(3)):
-                                    x[i, c] = x[i - 1, c] + d[c] * kept / length
-                    if ti.static(touching):
-                        begin, end = ti.cast(_triple(base, i), ti.f32), ti.cast(_triple(x, i), ti.f32)
-                        hit, _which = met_wall(table, samples, count, bounds, thickness, h, begin, end)
-                        for c in ti.static(range(3)):
-                            x[i, c] = x[i, c] + ti.max(thickness - hit.w, 0.0) * hit[c]
-                for c in ti.static(range(3)):
-                    v[i, c] = (x[i, c] - base[i, c]) / b
+        settle(
+            touching, strand, b, limits[strand], first, start, neighbour, row, inverse_mass, base, x, v,
+            thickness, table, samples, count, bounds,
+        )  # fmt: skip
 
 
 class StrandSolver:

@@ -12,7 +12,8 @@ from scipy.optimize import minimize
 from tianim.lang import f64_1d, f64_2d, ti
 from tianim.systems.springs.closest import EDGE_EDGE, POINT_TRIANGLE, between, closest, meeting, reach
 from tianim.systems.springs.impact_zones import rigid, zones_of
-from tianim.systems.springs.self_kernels import NUMBERS, resolve, row
+from tianim.systems.springs.self_gaps import row
+from tianim.systems.springs.self_kernels import NUMBERS, resolve
 from tianim.systems.springs.self_pairs import PIECES, Pairs
 from tianim.validate import springs_self
 from tianim.validate.build import built
@@ -177,7 +178,7 @@ def test_the_tree_finds_every_near_pair() -> None:
     rng = np.random.default_rng(9)
     x = rng.uniform(size=(60, 3))
     triangles = np.stack([rng.permutation(60)[:3] for _ in range(45)]).astype(np.int32)
-    pairs = Pairs(x, triangles, np.arange(60, dtype=np.int32))
+    pairs = Pairs(x, triangles, np.arange(60, dtype=np.int32), np.arange(60, dtype=np.int32), 0.08)
     places_of = ti.ndarray(ti.f64, (60, 3))
     places_of.from_numpy(x)
     count, margin = pairs.find(places_of, places_of, 0.05), 0.1

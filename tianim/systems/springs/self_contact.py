@@ -34,11 +34,9 @@ from tianim.systems.springs.explicit import copy
 from tianim.systems.springs.impact_zones import rigid, zones_of
 from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import (
-    NEAR,
     NUMBERS,
     detect,
     farthest,
-    measure,
     note_contacts,
     note_walls,
     push_on,
@@ -50,8 +48,8 @@ from tianim.systems.springs.self_pairs import PIECES, Ints, Pairs
 
 LOG = logging.getLogger("tianim")
 
-# Boxes are wider by this part of the thickness: half of NEAR, and how far points may be pushed with one list.
-NEAR_MARGIN, SLACK = 0.5 * NEAR, 0.4
+# How far points may be pushed with one list, in thicknesses.
+SLACK = 0.4
 # Times that all contacts are gone through at most, until none moves by this part of the thickness.
 SWEEPS, ENOUGH = 12, 4e-3
 MOST_EXTRA, MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 2, 10, 12, 50
@@ -72,15 +70,14 @@ class SelfContact:
         self._h, self._friction = thickness, friction
         triangles = [piece.triangles + whole.first[name] for name, piece in whole.pieces.items()]
         same, group = joined(whole)
-        self._pairs = Pairs(whole.position, np.concatenate(triangles).astype(np.int32), same)
-        self._group: Any = ti.ndarray(ti.i32, points.capacity)
-        self._group.from_numpy(group)
+        self._pairs = Pairs(
+            whole.position, np.concatenate(triangles).astype(np.int32), same, group, thickness
+        )
         room = (points.capacity, 3)
-        self._start, self._solved, self._listed, self._rest = (ti.ndarray(ti.f64, room) for _ in range(4))
+        self._start, self._solved, self._listed = (ti.ndarray(ti.f64, room) for _ in range(3))
         self._push, self._total = (ti.ndarray(ti.f64, room) for _ in range(2))
         self.forget()
-        points.write(self._rest, whole.position)
-        self._met, self._offset = (ti.ndarray(ti.i32, PIECES) for _ in range(2))
+        self._offset: Any = ti.ndarray(ti.i32, PIECES)
         self._busy: Any = ti.ndarray(ti.i32, points.capacity)
         self._wall: Any = ti.ndarray(ti.f32, (points.capacity, 5))
         self._implicit = hasattr(solver, "touched")
@@ -102,8 +99,7 @@ class SelfContact:
         self._contacts = self.zones = 0
         self._busy.fill(0)
         if self._list():
-            near = self._measure()
-            if near:
+            if self._flags():
                 self._note(True)
                 self._note_walls(dt)
                 self._resolve(SWEEPS)
@@ -157,47 +153,32 @@ class SelfContact:
         return np.asarray(pairs.pair.to_numpy()[(used & (flag < 1.0)).ravel(), 1:])
 
     def _list(self) -> int:
-        """List the pairs for the step as it is now; how many."""
+        """List the pairs for the step as it is now, and flag those that are near; how many there are."""
         points = self._points
         copy(points.count, points.x, self._listed)
-        return self._pairs.find(self._start, points.x, (NEAR_MARGIN + SLACK) * self._h)
+        return self._pairs.find(self._start, points.x, SLACK * self._h)
 
-    def _measure(self) -> int:
-        p = self._pairs
-        measure(
-            p.tasks, p.stride, p.room, self._h, self._group, self._rest, self._start, self._points.x,
-            p.pair, p.count, p.gap, p.flag, self._met,
-        )  # fmt: skip
-        return int(scan(0, self._met, self._offset))
+    def _flags(self) -> int:
+        """How many pairs are flagged."""
+        return int(scan(self._contacts, self._pairs.met, self._offset)) - self._contacts
 
     def _detect(self) -> int:
         """Flag the pairs that come too near on the way; how many. Lists them anew where points left it."""
         p, points = self._pairs, self._points
         if farthest(points.count, points.x, self._listed) > SLACK * self._h:
             self._list()
-            self._measure()
         detect(
-            p.tasks,
-            p.stride,
-            p.room,
-            self._h,
-            self._start,
-            points.x,
-            p.pair,
-            p.count,
-            p.gap,
-            p.flag,
-            self._met,
+            p.tasks, p.stride, p.room, self._h, self._start, points.x, p.pair, p.count, p.gap, p.flag, p.met
         )
-        return int(scan(self._contacts, self._met, self._offset)) - self._contacts
+        return self._flags()
 
     def _note(self, near: bool) -> None:
         """Make contacts of what is flagged."""
         p = self._pairs
-        total = int(scan(self._contacts, self._met, self._offset))
+        total = int(scan(self._contacts, self._pairs.met, self._offset))
         self._reserve(total)
         note_contacts(
-            near, p.tasks, p.stride, p.room, self._h, self._friction, self._group, self._rest, self._start,
+            near, p.tasks, p.stride, p.room, self._h, self._friction, p.group, p.rest, self._start,
             self._points.x, p.pair, p.count, p.gap, p.flag, self._offset, self._corner, self._number,
             self._busy,
         )  # fmt: skip

@@ -14,82 +14,15 @@ from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.systems.springs.closest import between, closest, meeting, reach
 from tianim.systems.springs.contact import nearest_wall
 from tianim.systems.springs.contact_forces import within_cone
-from tianim.systems.springs.self_pairs import PIECES, TURN
+from tianim.systems.springs.self_gaps import kept_apart, least_gap, row, wanted
+from tianim.systems.springs.self_pairs import NEVER, PIECES, TURN
 
 # Columns of a contact's numbers.
 WEIGHT, NORMAL, AIM, FRICTION, FORCE, NUMBERS = 0, 4, 7, 10, 11, 14
-# Pairs nearer than this many thicknesses at the start of a step are kept apart by it, if the solver brings
-# them within MARGIN thicknesses of what they are to keep.
-NEAR, MARGIN = 1.25, 0.2
-# Part of what lacks to the thickness that is made up in a step.
-RECOVERED = 0.1
-# Pairs of one surface keep at most this part of the distance that they had at rest.
-OF_REST = 0.5
-# No pair comes nearer than this part of the thickness, or of its distance at the start of the step.
-LEAST, LEAST_OF_GAP = 0.1, 0.8
 # What would come nearer is kept this part of the thickness apart.
 KEPT = 0.3
 # Part of the forces of a step that the solver knows in the next: less than all, so that they end.
 PASSED_ON = 0.8
-NEVER = 2.0
-
-
-@ti.func
-def row(x: ti.template(), i):
-    """Point i."""
-    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
-
-
-@ti.func
-def least_gap(gap, thickness):
-    """How near a pair may come that starts at `gap`."""
-    return ti.min(LEAST * thickness, LEAST_OF_GAP * gap)
-
-
-@ti.func
-def kept_apart(thickness, group: ti.template(), rest: ti.template(), kind, a, b, c, d):
-    """Distance that a pair keeps: less where its parts are nearer at rest, as in a fine mesh."""
-    h = ti.cast(thickness, ti.f64)
-    if group[a] == group[d]:
-        xa, xb, xc, xd = row(rest, a), row(rest, b), row(rest, c), row(rest, d)
-        h = ti.min(h, OF_REST * between(closest(kind, xa, xb, xc, xd), xa, xb, xc, xd).norm())
-    return h
-
-
-@ti.func
-def wanted(far, h):
-    """What a pair that is to keep h and starts at `far` has at the end."""
-    return ti.min(h, far + RECOVERED * ti.max(h - far, 0.0))
-
-
-@ti.kernel
-def measure(
-    tasks: ti.i32, stride: ti.i32, room: ti.i32, thickness: ti.f64, group: i32_1d, rest: f64_2d,
-    start: f64_2d, end: f64_2d, pair: i32_2d, count: i32_1d, gap: f64_1d, flag: f32_1d, met: i32_1d,
-):  # fmt: skip
-    """Distance of each pair at the start; flag 0 for those that are near, and how many by piece."""
-    count[TURN] = 0
-    for block in range(tasks * stride):
-        if block % stride == 0:
-            piece = ti.atomic_add(count[TURN], 1)
-            while piece < PIECES:
-                near = 0
-                for k in range(piece * room, piece * room + count[piece]):
-                    kind, a, b, c, d = pair[k, 0], pair[k, 1], pair[k, 2], pair[k, 3], pair[k, 4]
-                    xa, xb, xc, xd = row(start, a), row(start, b), row(start, c), row(start, d)
-                    w = closest(kind, xa, xb, xc, xd)
-                    n = between(w, xa, xb, xc, xd)
-                    far = n.norm()
-                    gap[k] = far
-                    flag[k] = NEVER
-                    if far < NEAR * thickness and far > 0.0:
-                        h = kept_apart(thickness, group, rest, kind, a, b, c, d)
-                        then = between(w, row(end, a), row(end, b), row(end, c), row(end, d)).dot(n) / far
-                        if far < NEAR * h and then < wanted(far, h) + MARGIN * h:
-                            flag[k] = 0.0
-                            near += 1
-                met[piece] = near
-                piece = ti.atomic_add(count[TURN], 1)
 
 
 @ti.kernel
@@ -138,7 +71,7 @@ def note_contacts(
     group: i32_1d, rest: f64_2d, start: f64_2d, end: f64_2d, pair: i32_2d, count: i32_1d, gap: f64_1d,
     flag: f32_1d, offset: i32_1d, corner: i32_2d, number: f64_2d, busy: i32_1d,
 ):  # fmt: skip
-    """Write down the contacts of the pairs that `measure` (near) or `detect` has flagged."""
+    """Write down the contacts of the pairs that `find` (near) or `detect` has flagged."""
     count[TURN] = 0
     for block in range(tasks * stride):
         if block % stride == 0:

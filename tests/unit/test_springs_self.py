@@ -138,13 +138,13 @@ def test_impulses_keep_momentum_and_leave_held_points() -> None:
         number[k, 7:10] = rng.normal(size=3)
     number[:, 10] = 0.3
     x = end.copy()
-    resolve(10, contacts, 0.0, corner, number, 1.0 / mass, x)
+    resolve(False, 10, contacts, 0.0, corner, number, 1.0 / mass, x, mass, x)
     assert not np.array_equal(x, end)
     assert mass @ (x - start) == pytest.approx(mass @ (end - start), abs=1e-12)
     inverse = 1.0 / mass
     inverse[0] = 0.0
     x = end.copy()
-    resolve(10, contacts, 0.0, corner, number, inverse, x)
+    resolve(False, 10, contacts, 0.0, corner, number, inverse, x, mass, x)
     assert np.array_equal(x[0], end[0])
 
 
@@ -181,10 +181,10 @@ def test_the_tree_finds_every_near_pair() -> None:
     pairs = Pairs(x, triangles, np.arange(60, dtype=np.int32), np.arange(60, dtype=np.int32), 0.08)
     places_of = ti.ndarray(ti.f64, (60, 3))
     places_of.from_numpy(x)
-    count, margin = pairs.find(places_of, places_of, 0.05), 0.1
+    pairs.find(places_of, places_of, 0.05)
+    margin = 0.1
     used = np.arange(pairs.room) < pairs.count.to_numpy()[:PIECES, None]
     found = pairs.pair.to_numpy()[used.ravel()]
-    assert len(found) == count
     keys = [key(*one) for one in found.tolist()]
     assert len(set(keys)) == len(keys)
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)

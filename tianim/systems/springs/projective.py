@@ -22,7 +22,7 @@ and light, are the worst case.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,6 +190,16 @@ def relax(
                 meet(crew, tasks)
 
 
+class Between(Protocol):
+    """What pushes points between the iterations, and their inertial places y (n, 3) with them."""
+
+    def foresee(self, b: float, y: Any) -> bool:
+        """Whether there is anything to push in the step that begins, of inertia m / b^2."""
+
+    def push_apart(self) -> None:
+        """Push."""
+
+
 class ProjectiveSolver:
     """The solver `projective`.
 
@@ -225,6 +235,7 @@ class ProjectiveSolver:
         self._factor: Factor | None = None
         self._factored_for = 0.0
         self._last_dt = 0.0
+        self.between: Between | None = None
 
     def hold(self, held: NDArray[np.bool_]) -> None:
         """Other points are held: the matrix changes."""
@@ -248,11 +259,16 @@ class ProjectiveSolver:
         self._crew.begin()
         turns = self._passes * self._iterations * (SINGLE if single else 1)
         at_once = self._passes * (MOST_TURNS // self._passes) if self._crew.works else 1
+        apart = self.between is not None and self.between.foresee(b, self._y)
+        if apart and self._crew.works:
+            at_once = self._passes
         for first in range(0, turns, at_once):
             if first and self._crew.works:
                 self._crew.begin()
             last = min(first + at_once, turns)
             self._relax(factor, dt, b, *((0, last - first) if self._crew.works else (first, last)))
+            if apart and self.between is not None and last % self._passes == 0:
+                self.between.push_apart()
         self._pace.end()
         finish(n, b, points.inverse_mass, self._base, points.x, points.v)
         if self._walls.any:

@@ -36,6 +36,7 @@ from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import (
     NUMBERS,
     detect,
+    draw,
     farthest,
     note_contacts,
     note_walls,
@@ -52,6 +53,8 @@ LOG = logging.getLogger("tianim")
 SLACK = 0.4
 # Times that all contacts are gone through at most, until none moves by this part of the thickness.
 SWEEPS, ENOUGH = 12, 4e-3
+# The same within each of the solver's iterations.
+SWEEPS_INSIDE = 3
 MOST_EXTRA, MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 2, 10, 12, 50
 FIRST_CONTACTS = 4096
 
@@ -81,6 +84,13 @@ class SelfContact:
         self._busy: Any = ti.ndarray(ti.i32, points.capacity)
         self._wall: Any = ti.ndarray(ti.f32, (points.capacity, 5))
         self._implicit = hasattr(solver, "touched")
+        self._gain: Any = ti.ndarray(ti.f64, points.capacity)
+        self._y_before: Any = ti.ndarray(ti.f64, room)
+        self._y_before.fill(0.0)
+        self._y: Any = self._y_before  # until the solver shows its own
+        self._b, self._foreseen = 1.0, False
+        if self._implicit:
+            solver.between = self
         self._touched: Any = solver.touched if self._implicit else ti.ndarray(ti.i32, points.capacity)
         self._contacts = 0
         self._make_room(FIRST_CONTACTS)
@@ -92,26 +102,53 @@ class SelfContact:
         copy(points.count, points.x, self._start)
         push_on(points.count, self._push, points.external)
 
+    def foresee(self, b: float, y: Any) -> bool:
+        """Contacts between pairs that will be near, as far as the solver's first guess says; if any."""
+        points = self._points
+        self._b, self._y, self._foreseen = b, y, True
+        copy(points.count, y, self._y_before)
+        self._note_near()
+        if self._contacts:
+            draw(
+                points.count, b, points.start, points.neighbour, points.row, points.inverse_mass, self._busy,
+                self._gain,
+            )  # fmt: skip
+            self.push_apart()
+        return self._contacts > 0
+
+    def push_apart(self) -> None:
+        """What an iteration of the solver brought together is pushed apart, and is to stay so."""
+        self._resolve(SWEEPS_INSIDE, inside=True)
+
     def end(self, dt: float) -> None:
         """Change what the solver made of the step so that nothing meets."""
         points = self._points
         copy(points.count, points.x, self._solved)
-        self._contacts = self.zones = 0
-        self._busy.fill(0)
-        if self._list():
-            if self._flags():
-                self._note(True)
-                self._note_walls(dt)
-                self._resolve(SWEEPS)
-            self._untangle(dt)
+        if not self._foreseen:
+            self._note_near()
+        if self._contacts:
+            self._note_walls(dt)
+            self._resolve(SWEEPS)
+        self._untangle(dt)
+        self._foreseen = False
         self.pushed = self._contacts
         settle_moved(
-            points.count, dt, int(self._walls.any), int(self._implicit), points.inverse_mass, self._start,
-            self._solved, points.x, points.v, self._touched, self._push, self._total,
+            points.count, dt, self._b, int(self._walls.any), int(self._implicit), points.inverse_mass,
+            self._start, self._solved, points.x, points.v, self._touched, self._y_before, self._y, self._push,
+            self._total,
         )  # fmt: skip
+
+    def _note_near(self) -> None:
+        """Contacts of what is near at the start of the step."""
+        self._contacts = 0
+        self._busy.fill(0)
+        self._list()
+        if self._flags():
+            self._note(True)
 
     def _untangle(self, dt: float) -> None:
         """Contacts of all that would meet, until nothing does."""
+        self.zones = 0
         for turn in range(MOST_ROUNDS):
             if not self._detect():
                 return
@@ -152,11 +189,11 @@ class SelfContact:
         used = np.arange(pairs.room) < pairs.count.to_numpy()[:PIECES, None]
         return np.asarray(pairs.pair.to_numpy()[(used & (flag < 1.0)).ravel(), 1:])
 
-    def _list(self) -> int:
-        """List the pairs for the step as it is now, and flag those that are near; how many there are."""
+    def _list(self) -> None:
+        """List the pairs for the step as it is now, and flag those that are near."""
         points = self._points
         copy(points.count, points.x, self._listed)
-        return self._pairs.find(self._start, points.x, SLACK * self._h)
+        self._pairs.find(self._start, points.x, SLACK * self._h)
 
     def _flags(self) -> int:
         """How many pairs are flagged."""
@@ -194,17 +231,12 @@ class SelfContact:
                 self._wall, self._corner, self._number,
             )  # fmt: skip
 
-    def _resolve(self, sweeps: int) -> None:
+    def _resolve(self, sweeps: int, inside: bool = False) -> None:
         points = self._points
         resolve(
-            sweeps,
-            self._contacts,
-            ENOUGH * self._h,
-            self._corner,
-            self._number,
-            points.inverse_mass,
-            points.x,
-        )
+            inside, sweeps, self._contacts, ENOUGH * self._h, self._corner, self._number, points.inverse_mass,
+            points.x, self._gain, self._y,
+        )  # fmt: skip
 
     def _reserve(self, contacts: int) -> None:
         """Room for so many contacts; those that there are stay."""

@@ -13,7 +13,7 @@ does not depend on the number of threads; each keeps momentum.
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.systems.springs.closest import between, closest, meeting, reach
 from tianim.systems.springs.contact import nearest_wall
-from tianim.systems.springs.contact_forces import within_cone
+from tianim.systems.springs.contact_forces import DRAWN, within_cone
 from tianim.systems.springs.self_gaps import kept_apart, least_gap, row, wanted
 from tianim.systems.springs.self_pairs import NEVER, PIECES, TURN
 
@@ -140,11 +140,30 @@ def note_walls(
 
 
 @ti.kernel
-def resolve(
-    sweeps: ti.i32, contacts: ti.i32, enough: ti.f64, corner: i32_2d, number: f64_2d, inverse_mass: f64_1d,
-    x: f64_2d,
+def draw(
+    n: ti.i32, b: ti.f64, start: i32_1d, neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, busy: i32_1d,
+    gain: f64_1d,
 ):  # fmt: skip
-    """Go through all contacts, to and fro, until none moves its pair by more than `enough` [m]."""
+    """How much more than its own mass resists where a point is pushed, and its neighbours are not."""
+    for i in range(n):
+        gain[i] = 1.0
+        if busy[i] == 1:
+            drawn = ti.cast(0.0, ti.f64)
+            for e in range(start[i], start[i + 1]):
+                if busy[neighbour[e]] == 0:
+                    drawn += row[e, 0] + row[e, 2] / b
+            gain[i] += DRAWN * b * ti.sqrt(drawn * inverse_mass[i])
+
+
+@ti.kernel
+def resolve(
+    inside: ti.template(), sweeps: ti.i32, contacts: ti.i32, enough: ti.f64, corner: i32_2d, number: f64_2d,
+    inverse_mass: f64_1d, x: f64_2d, gain: f64_1d, y: f64_2d,
+):  # fmt: skip
+    """Go through all contacts, to and fro, until none moves its pair by more than `enough` [m].
+
+    `inside` the solver's iterations the forces are to stay: its inertial places y go along.
+    """
     ti.loop_config(serialize=True)
     for _ in range(1):
         sweep, most = 0, ti.cast(enough + 1.0, ti.f64)
@@ -170,6 +189,8 @@ def resolve(
                         w, i = number[k, WEIGHT + c], corner[k, c]
                         for d in ti.static(range(3)):
                             x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
+                            if ti.static(inside):
+                                y[i, d] = y[i, d] + gain[i] * w * inverse_mass[i] * df[d]
             sweep += 1
 
 
@@ -193,8 +214,9 @@ def push_on(n: ti.i32, push: f64_2d, external: f64_2d):
 
 @ti.kernel
 def settle_moved(
-    n: ti.i32, dt: ti.f64, keep: ti.i32, along: ti.i32, inverse_mass: f64_1d, start: f64_2d, solved: f64_2d,
-    x: f64_2d, v: f64_2d, touched: i32_1d, push: f64_2d, total: f64_2d,
+    n: ti.i32, dt: ti.f64, b: ti.f64, keep: ti.i32, along: ti.i32, inverse_mass: f64_1d, start: f64_2d,
+    solved: f64_2d, x: f64_2d, v: f64_2d, touched: i32_1d, y_before: f64_2d, y: f64_2d, push: f64_2d,
+    total: f64_2d,
 ):  # fmt: skip
     """Velocities of points that were moved; `touched` tells them, with those before where `keep`.
 
@@ -205,13 +227,14 @@ def settle_moved(
     for i in range(n):
         moved = 0
         for c in ti.static(range(3)):
-            if x[i, c] != solved[i, c]:
+            if x[i, c] != solved[i, c] or y[i, c] != y_before[i, c]:
                 moved = 1
         if keep == 0 or moved == 1:
             touched[i] = moved
         for c in ti.static(range(3)):
             d = x[i, c] - solved[i, c]
-            now, before = ti.select(moved == 1, push[i, c] + d / (dt * dt), 0.0), total[i, c]
+            inside = (y[i, c] - y_before[i, c]) / (b * b)
+            now, before = ti.select(moved == 1, push[i, c] + inside + d / (dt * dt), 0.0), total[i, c]
             less = ti.select(ti.abs(now) < ti.abs(before), now, before)
             push[i, c] = ti.select(now * before > 0.0, PASSED_ON * less, 0.0)
             total[i, c] = now

@@ -1,15 +1,16 @@
 """Which parts of surfaces may meet in a step: a tree of boxes over patches of triangles.
 
-Triangles are laid out once, from the places at the start, by halves along the longest side; PATCH of them in
-turn are a patch. Every patch has the box that its points sweep in the step, with a margin, and the cone of its
-normals on the way. The patches are the leaves of a complete binary tree; each step only renews its boxes. Node
-k has the children 2 k and 2 k + 1, so that what follows a leaf in the order of the tree is found without a
-stack: up while k is a right child, then to the right neighbour. Each leaf walks what follows it, hence each
-pair of patches is seen once.
+Patches hang together, and are laid out once, from the places at the start: the triangles nearest to one of
+PATCH, along the surface. Every patch has the box that its points sweep in the step, with a margin, and the
+cone of its normals on the way. The patches are the leaves of a complete binary tree; each step only renews
+its boxes. Node k has the children 2 k and 2 k + 1, so that what follows a leaf in the order of the tree is
+found without a stack: up while k is a right child, then to the right neighbour. Each leaf walks what follows
+it, hence each pair of patches is seen once.
 
 **What is nearly flat cannot meet itself**: a patch, or two that share a point, is left out while all its
-normals lie within FLAT of an axis, for then it is a graph over a plane and folds nowhere (Volino and
-Magnenat-Thalmann 1994, doi:10.1111/1467-8659.1330155). It keeps most of a calm cloth from being looked at.
+normals lie within FLAT of an axis, for then it is a graph over a plane and folds nowhere, and half of all
+distances are left, which is what it keeps anyway (Volino and Magnenat-Thalmann 1994,
+doi:10.1111/1467-8659.1330155). Most of a calm cloth is not looked at.
 
 A point and an edge belong to one of their triangles, so that each pair of point and triangle, edge and edge
 is written down once too, if it is near or may come near. Those that share a point are none. Patches are cut
@@ -35,14 +36,13 @@ from tianim.systems.springs.self_gaps import MARGIN, NEAR, kept_apart, least_gap
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-PATCH = 32  # triangles of a patch
+PATCH = 32  # triangles of a patch, about
 PIECES = 64
 FIRST_ROOM = 256  # pairs of a piece at the start
 TURN = PIECES  # place of the turn in the array of counts
 FAR = 1e30
-# Most angle [rad] between an axis and the normals of what is nearly flat: distances shrink to 0.7 at most.
-FLAT = 0.25 * np.pi
-WIDE = 4.0  # the angle of patches that may meet themselves however flat they are
+# Most angle [rad] between an axis and the normals of what is nearly flat.
+FLAT = np.pi / 3.0
 # Bits of a triangle's own points and edges; pairs of point and triangle, and of all, that two triangles have.
 OWN_POINT, OWN_EDGE = 0, 3
 POINT_PAIRS, ALL_PAIRS = 6, 15
@@ -89,30 +89,30 @@ def _unit(n):
 
 @ti.kernel
 def renew(
-    m: ti.i32, leaves: ti.i32, used: ti.i32, triangle: i32_2d, whole: i32_1d, start: f64_2d, end: f64_2d,
-    box: f32_2d, swept: f32_2d, node: f32_2d, cone: f32_2d,
+    leaves: ti.i32, used: ti.i32, first: i32_1d, triangle: i32_2d, start: f64_2d, end: f64_2d, box: f32_2d,
+    swept: f32_2d, node: f32_2d, cone: f32_2d,
 ):  # fmt: skip
     """Boxes of triangles, patches and all nodes from those of the points; cones of the patches."""
     for p in range(used):
         low, high = ti.Vector([FAR, FAR, FAR]), ti.Vector([-FAR, -FAR, -FAR])
         axis = ti.Vector([0.0, 0.0, 0.0])
-        for i in range(p * PATCH, ti.min((p + 1) * PATCH, m)):
+        for i in range(first[p], first[p + 1]):
             for c in ti.static(range(3)):
                 a, b, d = triangle[i, 0], triangle[i, 1], triangle[i, 2]
                 swept[i, c] = ti.min(box[a, c], box[b, c], box[d, c])
                 swept[i, 3 + c] = ti.max(box[a, 3 + c], box[b, 3 + c], box[d, 3 + c])
                 low[c], high[c] = ti.min(low[c], swept[i, c]), ti.max(high[c], swept[i, 3 + c])
-            first, mid, last = normals(triangle, start, end, i)
-            axis += first + mid + last
+            before, mid, last = normals(triangle, start, end, i)
+            axis += before + mid + last
         axis = _unit(axis)
         cosine = 1.0
-        for i in range(p * PATCH, ti.min((p + 1) * PATCH, m)):
-            first, mid, last = normals(triangle, start, end, i)
-            cosine = ti.min(cosine, first.dot(axis), mid.dot(axis), last.dot(axis))
+        for i in range(first[p], first[p + 1]):
+            before, mid, last = normals(triangle, start, end, i)
+            cosine = ti.min(cosine, before.dot(axis), mid.dot(axis), last.dot(axis))
         for c in ti.static(range(3)):
             node[leaves + p, c], node[leaves + p, 3 + c] = low[c], high[c]
             cone[p, c] = axis[c]
-        cone[p, 3] = ti.select(whole[p] == 1, ti.acos(ti.max(cosine, -1.0)), WIDE)
+        cone[p, 3] = ti.acos(ti.max(cosine, -1.0))
     ti.loop_config(serialize=True)
     for back in range(leaves - 1):
         k = leaves - 1 - back
@@ -187,10 +187,10 @@ def pair_of(triangle: ti.template(), own: ti.template(), same: ti.template(), bo
 
 @ti.kernel
 def find(
-    tasks: ti.i32, stride: ti.i32, room: ti.i32, m: ti.i32, leaves: ti.i32, used: ti.i32, thickness: ti.f64,
-    slack: ti.f64, triangle: i32_2d, own: i32_1d, same: i32_1d, group: i32_1d, rest: f64_2d, start: f64_2d,
-    end: f64_2d, box: f32_2d, swept: f32_2d, node: f32_2d, cone: f32_2d, beside_start: i32_1d, beside: i32_1d,
-    pair: i32_2d, count: i32_1d, gap: f64_1d, flag: f32_1d, met: i32_1d,
+    tasks: ti.i32, stride: ti.i32, room: ti.i32, leaves: ti.i32, used: ti.i32, thickness: ti.f64,
+    slack: ti.f64, first: i32_1d, triangle: i32_2d, own: i32_1d, same: i32_1d, group: i32_1d, rest: f64_2d,
+    start: f64_2d, end: f64_2d, box: f32_2d, swept: f32_2d, node: f32_2d, cone: f32_2d, beside_start: i32_1d,
+    beside: i32_1d, pair: i32_2d, count: i32_1d, gap: f64_1d, flag: f32_1d, met: i32_1d,
 ):  # fmt: skip
     """Pairs that are near, flagged and counted in `met`, or may come near while no point leaves `slack`.
 
@@ -212,9 +212,9 @@ def find(
                         else:
                             q = k - leaves
                             if may_meet(cone, beside_start, beside, p, q):
-                                for i in range(p * PATCH, ti.min((p + 1) * PATCH, m)):
+                                for i in range(first[p], first[p + 1]):
                                     if boxes_meet(swept, i, node, k):
-                                        for j in range(ti.max(q * PATCH, i + 1), ti.min((q + 1) * PATCH, m)):
+                                        for j in range(ti.max(first[q], i + 1), first[q + 1]):
                                             if boxes_meet(swept, i, swept, j):
                                                 for t in range(ALL_PAIRS):
                                                     there, kind, a, b, c, d = pair_of(
@@ -266,7 +266,7 @@ def judged(
 
 
 def halved(centre: Floats) -> NDArray[np.int64]:
-    """Order of the triangles: by halves along the longest side, down to patches and within them."""
+    """Order of the triangles: by halves along the longest side, down to single ones."""
     size = 1 << max(len(centre) - 1, 0).bit_length()
     order = np.full(size, -1)
     order[: len(centre)] = np.arange(len(centre))
@@ -283,6 +283,41 @@ def halved(centre: Floats) -> NDArray[np.int64]:
     return order[order >= 0]
 
 
+def patched(centre: Floats, triangles: Ints, same: Ints) -> tuple[NDArray[np.int64], Ints]:
+    """Order of the triangles by patches that hang together, and the first of each patch."""
+    m = len(triangles)
+    shared = _shared(triangles, same)
+    edges = shared.data >= 2
+    a, b = shared.row[edges], shared.col[edges]
+    far = np.linalg.norm(centre[a] - centre[b], axis=1) + 1e-12  # zeros would be no edges
+    graph = scipy.sparse.csr_matrix((far, (a, b)), shape=(m, m))
+    order = halved(centre)
+    seeds = order[PATCH // 2 :: PATCH] if m > PATCH // 2 else order[:1]
+    _, parts = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    _, of_each_part = np.unique(parts, return_index=True)
+    without = of_each_part[~np.isin(parts[of_each_part], parts[seeds])]
+    rank = np.empty(m, np.int64)
+    rank[order] = np.arange(m)
+    seeds = np.concatenate([seeds, without])
+    seeds = seeds[np.argsort(rank[seeds])]
+    _, _, source = scipy.sparse.csgraph.dijkstra(
+        graph, directed=False, indices=seeds, return_predecessors=True, min_only=True
+    )
+    patch = np.searchsorted(rank[seeds], rank[source])
+    count = np.bincount(patch, minlength=len(seeds))
+    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    return np.lexsort((rank, patch)), first
+
+
+def _shared(triangles: Ints, same: Ints) -> Any:
+    """How many points any two triangles share."""
+    m = len(triangles)
+    incidence = scipy.sparse.csr_matrix(
+        (np.ones(3 * m, np.int32), (np.repeat(np.arange(m), 3), same[triangles].ravel()))
+    )
+    return (incidence @ incidence.T).tocoo()
+
+
 def owners(triangles: Ints) -> Ints:
     """Bits of the points and edges that each triangle owns: those that no triangle before it has."""
     own = np.zeros(len(triangles), np.int32)
@@ -294,25 +329,15 @@ def owners(triangles: Ints) -> Ints:
     return own
 
 
-def neighbours(triangles: Ints, same: Ints) -> tuple[Ints, Ints, Ints]:
-    """Which patches hang together in themselves (p,), and those that share points with each: start, list."""
-    m, patches = len(triangles), -(-len(triangles) // PATCH)
-    patch = np.arange(m) // PATCH
-    corner, of = same[triangles].ravel(), np.repeat(np.arange(m), 3)
-    incidence = scipy.sparse.csr_matrix((np.ones(3 * m, np.int32), (of, corner)))
-    shared = (incidence @ incidence.T).tocoo()  # points that two triangles share
-    inside = (patch[shared.row] == patch[shared.col]) & (shared.data >= 2)
-    graph = scipy.sparse.coo_matrix(
-        (np.ones(int(inside.sum()), np.int8), (shared.row[inside], shared.col[inside])), shape=(m, m)
-    )
-    parts, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    patch_of_part = np.zeros(parts, np.int64)
-    patch_of_part[label] = patch
-    whole = (np.bincount(patch_of_part, minlength=patches) == 1).astype(np.int32)
+def neighbours(triangles: Ints, first: Ints, same: Ints) -> tuple[Ints, Ints]:
+    """The patches that share points with each: where its list starts, and the lists."""
+    patches = len(first) - 1
+    patch = np.repeat(np.arange(patches), np.diff(first))
+    shared = _shared(triangles, same)
     a, b = patch[shared.row], patch[shared.col]
     codes = np.unique(a[a != b] * np.int64(patches) + b[a != b])
     start = np.searchsorted(codes, np.arange(patches + 1) * np.int64(patches)).astype(np.int32)
-    return whole, start, (codes % patches).astype(np.int32)
+    return start, (codes % patches).astype(np.int32)
 
 
 class Pairs:
@@ -326,13 +351,17 @@ class Pairs:
 
     def __init__(self, position: Floats, triangles: Ints, same: Ints, group: Ints, thickness: float) -> None:
         self.points, self._thickness = len(position), thickness
-        self.triangles = np.ascontiguousarray(triangles[halved(position[triangles].mean(axis=1))], np.int32)
+        order, first = patched(position[triangles].mean(axis=1), triangles, same)
+        self.triangles = np.ascontiguousarray(triangles[order], np.int32)
         self.tasks, self.stride = workers()
-        self._used = -(-len(self.triangles) // PATCH)
+        self._used = len(first) - 1
         self._leaves = 1 << (self._used - 1).bit_length()
-        whole, beside_start, beside = neighbours(self.triangles, same)
-        self._whole, self._beside_start = constant(whole), constant(beside_start)
-        self._beside = constant(beside if len(beside) else np.zeros(1, np.int32))
+        beside_start, beside = neighbours(self.triangles, first, same)
+        self._first, self._beside_start, self._beside = (
+            constant(first),
+            constant(beside_start),
+            constant(beside),
+        )
         self._triangle, self._own = constant(self.triangles), constant(owners(self.triangles))
         self.same, self.group = constant(same), constant(group)
         self.rest: Any = ti.ndarray(ti.f64, position.shape)
@@ -354,23 +383,22 @@ class Pairs:
         self.gap: Any = ti.ndarray(ti.f64, PIECES * room)
         self.flag: Any = ti.ndarray(ti.f32, PIECES * room)
 
-    def find(self, start: Any, end: Any, slack: float) -> int:
-        """List the pairs that are near or may come near while `end` changes by at most `slack`; how many."""
+    def find(self, start: Any, end: Any, slack: float) -> None:
+        """List the pairs that are near or may come near while `end` moves by at most `slack`."""
         margin = 0.5 * NEAR * self._thickness + slack
-        m = len(self.triangles)
         sweep(self.points, margin, start, end, self._box)
         renew(
-            m, self._leaves, self._used, self._triangle, self._whole, start, end, self._box, self._swept,
+            self._leaves, self._used, self._first, self._triangle, start, end, self._box, self._swept,
             self._node, self._cone,
         )  # fmt: skip
         while True:
             find(
-                self.tasks, self.stride, self.room, m, self._leaves, self._used, self._thickness, slack,
-                self._triangle, self._own, self.same, self.group, self.rest, start, end, self._box,
-                self._swept, self._node, self._cone, self._beside_start, self._beside, self.pair, self.count,
-                self.gap, self.flag, self.met,
+                self.tasks, self.stride, self.room, self._leaves, self._used, self._thickness, slack,
+                self._first, self._triangle, self._own, self.same, self.group, self.rest, start, end,
+                self._box, self._swept, self._node, self._cone, self._beside_start, self._beside, self.pair,
+                self.count, self.gap, self.flag, self.met,
             )  # fmt: skip
             counts = self.count.to_numpy()[:PIECES]
             if counts.max() <= self.room:
-                return int(counts.sum())
+                return
             self._make_room(int(1.5 * counts.max()))

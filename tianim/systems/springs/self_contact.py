@@ -12,8 +12,10 @@ After the solver's step, from x to x', the ways of all points are changed until 
 As x has no intersections, nor has x': every pair keeps at least a part of its distance, which is more than
 rounding of places to float32 takes. Points that touch a body are not pushed into it.
 
-The solver gets most of what pushed in a step as a force in the next, so that springs settle against
-contacts instead of being stretched by them.
+Contacts begin with what they pushed in the step before, and the implicit solver knows it: after each of its
+iterations they push apart what it brought together, and its inertial places y go along by `GAIN` times as
+much, so that the forces stay and springs settle against contacts instead of being stretched by them. As with
+bodies (`contact_forces.py`) the gain is what a point's neighbours add to its mass.
 
 Limits: what intersects at the start stays so. Pins and bodies move regardless: what they force through
 itself is reported. Contact between surfaces is not inside the solver's iterations, as that with bodies is.
@@ -35,12 +37,15 @@ from tianim.systems.springs.impact_zones import rigid, zones_of
 from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import (
     NUMBERS,
+    apply,
     detect,
     draw,
     farthest,
+    keep,
     note_contacts,
     note_walls,
-    push_on,
+    recall,
+    remember,
     resolve,
     scan,
     settle_moved,
@@ -78,41 +83,40 @@ class SelfContact:
         )
         room = (points.capacity, 3)
         self._start, self._solved, self._listed = (ti.ndarray(ti.f64, room) for _ in range(3))
-        self._push, self._total = (ti.ndarray(ti.f64, room) for _ in range(2))
-        self.forget()
         self._offset: Any = ti.ndarray(ti.i32, PIECES)
         self._busy: Any = ti.ndarray(ti.i32, points.capacity)
         self._wall: Any = ti.ndarray(ti.f32, (points.capacity, 5))
         self._implicit = hasattr(solver, "touched")
         self._gain: Any = ti.ndarray(ti.f64, points.capacity)
-        self._y_before: Any = ti.ndarray(ti.f64, room)
-        self._y_before.fill(0.0)
-        self._y: Any = self._y_before  # until the solver shows its own
-        self._b, self._foreseen = 1.0, False
+        self._gain.fill(1.0)
+        self._head: Any = ti.ndarray(ti.i32, points.capacity)
+        self._y: Any = None
+        self._foreseen = False
         if self._implicit:
             solver.between = self
         self._touched: Any = solver.touched if self._implicit else ti.ndarray(ti.i32, points.capacity)
         self._contacts = 0
         self._make_room(FIRST_CONTACTS)
+        self._room_before, self._b = 0, 1.0
+        self.forget()
         self.pushed = self.zones = 0
 
     def begin(self) -> None:
-        """Remember where the step begins; the solver is to know what pushed in the step before."""
-        points = self._points
-        copy(points.count, points.x, self._start)
-        push_on(points.count, self._push, points.external)
+        """Remember where the step begins."""
+        copy(self._points.count, self._points.x, self._start)
 
     def foresee(self, b: float, y: Any) -> bool:
         """Contacts between pairs that will be near, as far as the solver's first guess says; if any."""
         points = self._points
-        self._b, self._y, self._foreseen = b, y, True
-        copy(points.count, y, self._y_before)
+        self._y, self._foreseen = y, True
         self._note_near()
         if self._contacts:
             draw(
                 points.count, b, points.start, points.neighbour, points.row, points.inverse_mass, self._busy,
                 self._gain,
             )  # fmt: skip
+            self._recall(b)
+            apply(self._contacts, self._corner, self._number, points.inverse_mass, y)
             self.push_apart()
         return self._contacts > 0
 
@@ -126,6 +130,8 @@ class SelfContact:
         copy(points.count, points.x, self._solved)
         if not self._foreseen:
             self._note_near()
+            self._recall(dt)
+            apply(self._contacts, self._corner, self._number, points.inverse_mass, points.x)
         if self._contacts:
             self._note_walls(dt)
             self._resolve(SWEEPS)
@@ -133,10 +139,32 @@ class SelfContact:
         self._foreseen = False
         self.pushed = self._contacts
         settle_moved(
-            points.count, dt, self._b, int(self._walls.any), int(self._implicit), points.inverse_mass,
-            self._start, self._solved, points.x, points.v, self._touched, self._y_before, self._y, self._push,
-            self._total,
+            points.count, dt, int(self._walls.any), int(self._implicit), points.inverse_mass, self._start,
+            self._solved, points.x, points.v, self._touched, self._busy,
         )  # fmt: skip
+        self._keep()
+
+    def _recall(self, b: float) -> None:
+        """Contacts begin with the forces of the step before, which are as the square of its length."""
+        recall(
+            self._contacts, (b / self._b) ** 2, self._corner, self._number, self._head, self._after,
+            self._corner_before, self._force_before, self._gain,
+        )  # fmt: skip
+        self._b = b
+
+    def _keep(self) -> None:
+        """Corners and forces of the contacts, for the next step."""
+        self._reserve_before(self._contacts)
+        self._before = self._contacts
+        keep(self._before, self._corner, self._number, self._corner_before, self._force_before)
+        remember(self._before, self._corner_before, self._head, self._after)
+
+    def _reserve_before(self, contacts: int) -> None:
+        if contacts > self._room_before:
+            self._room_before = max(2 * contacts, FIRST_CONTACTS)
+            self._corner_before: Any = ti.ndarray(ti.i32, (self._room_before, 4))
+            self._force_before: Any = ti.ndarray(ti.f64, (self._room_before, 3))
+            self._after: Any = ti.ndarray(ti.i32, self._room_before)
 
     def _note_near(self) -> None:
         """Contacts of what is near at the start of the step."""
@@ -235,7 +263,7 @@ class SelfContact:
         points = self._points
         resolve(
             inside, sweeps, self._contacts, ENOUGH * self._h, self._corner, self._number, points.inverse_mass,
-            points.x, self._gain, self._y,
+            points.x, self._y if inside else points.x,
         )  # fmt: skip
 
     def _reserve(self, contacts: int) -> None:
@@ -254,18 +282,30 @@ class SelfContact:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """What pushed in the last step."""
-        points = self._points
-        return {"self_push": points.read(self._push), "self_total": points.read(self._total)}
+        some = slice(0, self._before)
+        return {
+            "self_corner": self._corner_before.to_numpy()[some],
+            "self_force": self._force_before.to_numpy()[some],
+            "self_step": np.array([self._b]),
+        }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `state` gave."""
-        for name, array in (("self_push", self._push), ("self_total", self._total)):
-            self._points.write(array, np.asarray(state[name], np.float64))
+        self.forget()
+        self._before = len(state["self_corner"])
+        self._reserve_before(self._before)
+        for name, array in (("self_corner", self._corner_before), ("self_force", self._force_before)):
+            values = np.zeros(array.shape, np.int32 if name == "self_corner" else np.float64)
+            values[: self._before] = state[name]
+            array.from_numpy(values)
+        self._b = float(state["self_step"][0])
+        remember(self._before, self._corner_before, self._head, self._after)
 
     def forget(self) -> None:
         """Nothing pushed: places or velocities were set."""
-        self._push.fill(0.0)
-        self._total.fill(0.0)
+        self._before, self._b = 0, 1.0
+        self._reserve_before(1)
+        self._head.fill(-1)
 
     def diagnostics(self) -> Mapping[str, float]:
         """Pairs and bodies' contacts in the last step, and points in the fail-safe."""

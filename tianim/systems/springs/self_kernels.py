@@ -18,11 +18,9 @@ from tianim.systems.springs.self_gaps import kept_apart, least_gap, row, wanted
 from tianim.systems.springs.self_pairs import NEVER, PIECES, TURN
 
 # Columns of a contact's numbers.
-WEIGHT, NORMAL, AIM, FRICTION, FORCE, NUMBERS = 0, 4, 7, 10, 11, 14
+WEIGHT, NORMAL, AIM, FRICTION, FORCE, GAIN, NUMBERS = 0, 4, 7, 10, 11, 14, 15
 # What would come nearer is kept this part of the thickness apart.
 KEPT = 0.3
-# Part of the forces of a step that the solver knows in the next: less than all, so that they end.
-PASSED_ON = 0.8
 
 
 @ti.kernel
@@ -156,9 +154,70 @@ def draw(
 
 
 @ti.kernel
+def remember(contacts: ti.i32, corner: i32_2d, head: i32_1d, after: i32_1d):
+    """Chain the contacts by their first point, for `recall`."""
+    for i in range(head.shape[0]):
+        head[i] = -1
+    ti.loop_config(serialize=True)
+    for k in range(contacts):
+        after[k] = head[corner[k, 0]]
+        head[corner[k, 0]] = k
+
+
+@ti.kernel
+def recall(
+    contacts: ti.i32, scale: ti.f64, corner: i32_2d, number: f64_2d, head: i32_1d, after: i32_1d,
+    old_corner: i32_2d, old_force: f64_2d, gain: f64_1d,
+):  # fmt: skip
+    """Contacts begin with `scale` times the force of the same pair in the step before; their gains."""
+    for k in range(contacts):
+        f = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+        j = head[corner[k, 0]]
+        while j >= 0:
+            same = True
+            for c in ti.static(range(1, 4)):
+                same &= old_corner[j, c] == corner[k, c]
+            if same:
+                f = scale * ti.Vector([old_force[j, 0], old_force[j, 1], old_force[j, 2]])
+            j = ti.select(same, -1, after[j])
+        n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
+        f = within_cone(f, n, number[k, FRICTION])
+        mean, weights = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        for c in ti.static(range(4)):
+            w = ti.abs(number[k, WEIGHT + c])
+            mean += w * gain[corner[k, c]]
+            weights += w
+        number[k, GAIN] = mean / weights
+        for c in ti.static(range(3)):
+            number[k, FORCE + c] = f[c]
+
+
+@ti.kernel
+def apply(contacts: ti.i32, corner: i32_2d, number: f64_2d, inverse_mass: f64_1d, y: f64_2d):
+    """Move the points by what their contacts begin with."""
+    ti.loop_config(serialize=True)
+    for k in range(contacts):
+        for c in ti.static(range(4)):
+            i = corner[k, c]
+            part = number[k, GAIN] * number[k, WEIGHT + c] * inverse_mass[i]
+            for d in ti.static(range(3)):
+                y[i, d] = y[i, d] + part * number[k, FORCE + d]
+
+
+@ti.kernel
+def keep(contacts: ti.i32, corner: i32_2d, number: f64_2d, old_corner: i32_2d, old_force: f64_2d):
+    """Corners and forces of the contacts, for the next step."""
+    for k in range(contacts):
+        for c in ti.static(range(4)):
+            old_corner[k, c] = corner[k, c]
+        for c in ti.static(range(3)):
+            old_force[k, c] = number[k, FORCE + c]
+
+
+@ti.kernel
 def resolve(
     inside: ti.template(), sweeps: ti.i32, contacts: ti.i32, enough: ti.f64, corner: i32_2d, number: f64_2d,
-    inverse_mass: f64_1d, x: f64_2d, gain: f64_1d, y: f64_2d,
+    inverse_mass: f64_1d, x: f64_2d, y: f64_2d,
 ):  # fmt: skip
     """Go through all contacts, to and fro, until none moves its pair by more than `enough` [m].
 
@@ -190,7 +249,7 @@ def resolve(
                         for d in ti.static(range(3)):
                             x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
                             if ti.static(inside):
-                                y[i, d] = y[i, d] + gain[i] * w * inverse_mass[i] * df[d]
+                                y[i, d] = y[i, d] + number[k, GAIN] * w * inverse_mass[i] * df[d]
             sweep += 1
 
 
@@ -205,38 +264,22 @@ def farthest(n: ti.i32, a: f64_2d, b: f64_2d) -> ti.f64:
 
 
 @ti.kernel
-def push_on(n: ti.i32, push: f64_2d, external: f64_2d):
-    """Add `push` to the accelerations of the points."""
-    for i in range(n):
-        for c in ti.static(range(3)):
-            external[i, c] += push[i, c]
-
-
-@ti.kernel
 def settle_moved(
-    n: ti.i32, dt: ti.f64, b: ti.f64, keep: ti.i32, along: ti.i32, inverse_mass: f64_1d, start: f64_2d,
-    solved: f64_2d, x: f64_2d, v: f64_2d, touched: i32_1d, y_before: f64_2d, y: f64_2d, push: f64_2d,
-    total: f64_2d,
+    n: ti.i32, dt: ti.f64, keep_touched: ti.i32, along: ti.i32, inverse_mass: f64_1d, start: f64_2d,
+    solved: f64_2d, x: f64_2d, v: f64_2d, touched: i32_1d, busy: i32_1d,
 ):  # fmt: skip
-    """Velocities of points that were moved; `touched` tells them, with those before where `keep`.
+    """Velocities of points that were moved; `touched` tells them, with those before where `keep_touched`.
 
-    They go as they went in the step (`along`), or faster by what they were moved. In the next step the solver
-    is to know PASSED_ON of what pushed them in this one and in the one before alike: a blow is over at once.
-    What was not moved is let go.
+    They go as they went in the step (`along`), or faster by what they were moved.
     """
     for i in range(n):
-        moved = 0
+        moved = ti.select(along == 1, busy[i], 0)
         for c in ti.static(range(3)):
-            if x[i, c] != solved[i, c] or y[i, c] != y_before[i, c]:
+            if x[i, c] != solved[i, c]:
                 moved = 1
-        if keep == 0 or moved == 1:
+        if keep_touched == 0 or moved == 1:
             touched[i] = moved
-        for c in ti.static(range(3)):
-            d = x[i, c] - solved[i, c]
-            inside = (y[i, c] - y_before[i, c]) / (b * b)
-            now, before = ti.select(moved == 1, push[i, c] + inside + d / (dt * dt), 0.0), total[i, c]
-            less = ti.select(ti.abs(now) < ti.abs(before), now, before)
-            push[i, c] = ti.select(now * before > 0.0, PASSED_ON * less, 0.0)
-            total[i, c] = now
-            if moved == 1 and inverse_mass[i] > 0.0:
+        if moved == 1 and inverse_mass[i] > 0.0:
+            for c in ti.static(range(3)):
+                d = x[i, c] - solved[i, c]
                 v[i, c] = ti.select(along == 1, (x[i, c] - start[i, c]) / dt, v[i, c] + d / dt)

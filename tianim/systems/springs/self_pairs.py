@@ -283,12 +283,23 @@ def halved(centre: Floats) -> NDArray[np.int64]:
     return order[order >= 0]
 
 
-def patched(centre: Floats, triangles: Ints, same: Ints) -> tuple[NDArray[np.int64], Ints]:
+def joints(corner: Ints) -> tuple[Ints, Ints, Ints]:
+    """Triangles on both sides of the edges at which two meet that turn the same way round, and their ends."""
+    count = int(corner.max()) + 1
+    a, b = corner.ravel().astype(np.int64), np.roll(corner, -1, axis=1).ravel().astype(np.int64)
+    codes, place, times = np.unique(a * count + b, return_index=True, return_counts=True)
+    codes, place = codes[times == 1], place[times == 1]
+    back = codes % count * count + codes // count
+    at = np.minimum(np.searchsorted(codes, back), len(codes) - 1)
+    both = (codes[at] == back) & (codes < back)
+    ends = np.stack([codes[both] // count, codes[both] % count], axis=1)
+    return place[both] // 3, place[at[both]] // 3, ends
+
+
+def patched(centre: Floats, corner: Ints) -> tuple[NDArray[np.int64], Ints]:
     """Order of the triangles by patches that hang together, and the first of each patch."""
-    m = len(triangles)
-    shared = _shared(triangles, same)
-    edges = shared.data >= 2
-    a, b = shared.row[edges], shared.col[edges]
+    m = len(corner)
+    a, b, _ = joints(corner)
     far = np.linalg.norm(centre[a] - centre[b], axis=1) + 1e-12  # zeros would be no edges
     graph = scipy.sparse.csr_matrix((far, (a, b)), shape=(m, m))
     order = halved(centre)
@@ -304,18 +315,28 @@ def patched(centre: Floats, triangles: Ints, same: Ints) -> tuple[NDArray[np.int
         graph, directed=False, indices=seeds, return_predecessors=True, min_only=True
     )
     patch = np.searchsorted(rank[seeds], rank[source])
-    count = np.bincount(patch, minlength=len(seeds))
-    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    first = np.concatenate([[0], np.cumsum(np.bincount(patch, minlength=len(seeds)))]).astype(np.int32)
     return np.lexsort((rank, patch)), first
 
 
-def _shared(triangles: Ints, same: Ints) -> Any:
-    """How many points any two triangles share."""
-    m = len(triangles)
-    incidence = scipy.sparse.csr_matrix(
-        (np.ones(3 * m, np.int32), (np.repeat(np.arange(m), 3), same[triangles].ravel()))
+def beside_of(first: Ints, corner: Ints) -> tuple[Ints, Ints]:
+    """The patches that share a point with each, about which triangles go round edge by edge: start, lists.
+
+    Where two fans meet in a point, or two sides of a surface, they may meet elsewhere however flat they are.
+    """
+    patches, points = len(first) - 1, int(corner.max()) + 1
+    patch = np.repeat(np.arange(patches, dtype=np.int64), np.diff(first))
+    around = np.bincount(corner.ravel(), minlength=points)
+    one_fan = around - np.bincount(joints(corner)[2].ravel(), minlength=points) <= 1
+    known = one_fan[corner.ravel()]
+    touches = scipy.sparse.csr_matrix(
+        (np.ones(int(known.sum()), np.int32), (np.repeat(patch, 3)[known], corner.ravel()[known])),
+        shape=(patches, points),
     )
-    return (incidence @ incidence.T).tocoo()
+    shared = (touches @ touches.T).tocoo()
+    codes = np.unique(shared.row.astype(np.int64) * patches + shared.col)
+    start = np.searchsorted(codes, np.arange(patches + 1) * np.int64(patches)).astype(np.int32)
+    return start, (codes % patches).astype(np.int32)
 
 
 def owners(triangles: Ints) -> Ints:
@@ -329,17 +350,6 @@ def owners(triangles: Ints) -> Ints:
     return own
 
 
-def neighbours(triangles: Ints, first: Ints, same: Ints) -> tuple[Ints, Ints]:
-    """The patches that share points with each: where its list starts, and the lists."""
-    patches = len(first) - 1
-    patch = np.repeat(np.arange(patches), np.diff(first))
-    shared = _shared(triangles, same)
-    a, b = patch[shared.row], patch[shared.col]
-    codes = np.unique(a[a != b] * np.int64(patches) + b[a != b])
-    start = np.searchsorted(codes, np.arange(patches + 1) * np.int64(patches)).astype(np.int32)
-    return start, (codes % patches).astype(np.int32)
-
-
 class Pairs:
     """The list: `pair` (PIECES * room, 5) with kind and four points, `count` (PIECES + 1,) by piece.
 
@@ -351,12 +361,12 @@ class Pairs:
 
     def __init__(self, position: Floats, triangles: Ints, same: Ints, group: Ints, thickness: float) -> None:
         self.points, self._thickness = len(position), thickness
-        order, first = patched(position[triangles].mean(axis=1), triangles, same)
+        order, first = patched(position[triangles].mean(axis=1), same[triangles])
         self.triangles = np.ascontiguousarray(triangles[order], np.int32)
         self.tasks, self.stride = workers()
         self._used = len(first) - 1
         self._leaves = 1 << (self._used - 1).bit_length()
-        beside_start, beside = neighbours(self.triangles, first, same)
+        beside_start, beside = beside_of(first, same[self.triangles])
         self._first, self._beside_start, self._beside = (
             constant(first),
             constant(beside_start),

@@ -64,10 +64,19 @@ def met_wall(
 
     Where it passes through something, the distance is that from the tangent plane at the place of entry.
     """
+    before, first = nearest_wall(table, samples, count, bounds, start, 0.0)
+    return met_from(before, first, table, samples, count, bounds, thickness, dt, start, end)
+
+
+@ti.func
+def met_from(
+    before, first, table: ti.template(), samples: ti.template(), count, bounds: ti.template(), thickness, dt,
+    start, end,
+):  # fmt: skip
+    """As `met_wall`, of a point whose nearest wall at `start` is known: `before`, number `first`."""
     hit, which = nearest_wall(table, samples, count, bounds, end, dt)
     way = end - start
     length = way.norm()
-    before, first = nearest_wall(table, samples, count, bounds, start, 0.0)
     # What moves may come from as far as it moves: bodies are slower than points are fast here, or thick.
     reach = length
     if first < count:

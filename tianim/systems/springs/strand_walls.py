@@ -11,7 +11,7 @@ are nearer than that, and only these follow their way (`contact.py`).
 
 from tianim.lang import ti
 from tianim.spatial.bodies import SPIN, VELOCITY, signed_distance, surface_velocity
-from tianim.systems.springs.contact import met_from, wall_gap, wall_velocity
+from tianim.systems.springs.contact import met_from, wall_gap
 
 # Columns of what is known of a point: its nearest wall's normal, distance and number, what that moves in the
 # step, the room there is, and 1 + a.
@@ -34,23 +34,22 @@ def look(
     known: ti.template(), at,
 ):  # fmt: skip
     """Write down what walls a point may meet that begins at x."""
-    side = wall_gap(bounds, x)
-    hit, first = side, count
-    for k in range(count):
+    hit, first = wall_gap(bounds, x), count
+    way, room, swing = ti.Vector([0.0, 0.0, 0.0]), hit.w, 1.0
+    # Twice through the bodies: which is the nearest, and how near each may come in its frame.
+    for turn in range(2 * count):
+        k = turn % count
         other = signed_distance(table, samples, k, x)
-        if other.w < hit.w:
-            hit, first = other, k
-    way = b * wall_velocity(table, samples, count, first, x)
-    room, swing = side.w - way.norm(), 1.0
-    for k in range(count):
-        gap = hit.w
-        if k != first:
-            gap = signed_distance(table, samples, k, x).w
         own = b * surface_velocity(table, samples, k, x)
-        turn = b * ti.Vector([table[k, SPIN], table[k, SPIN + 1], table[k, SPIN + 2]]).norm()
-        drift = b * ti.Vector([table[k, VELOCITY], table[k, VELOCITY + 1], table[k, VELOCITY + 2]]).norm()
-        room = ti.min(room, NEARLY * gap - (own - way).norm() - 0.5 * turn * (own.norm() + drift))
-        swing = ti.max(swing, 1.0 + turn)
+        if turn < count:
+            if other.w < hit.w:
+                hit, first, way = other, k, own
+        else:
+            angle = b * ti.Vector([table[k, SPIN], table[k, SPIN + 1], table[k, SPIN + 2]]).norm()
+            drift = b * ti.Vector([table[k, VELOCITY], table[k, VELOCITY + 1], table[k, VELOCITY + 2]]).norm()
+            room = ti.min(room, NEARLY * other.w - (own - way).norm() - 0.5 * angle * (own.norm() + drift))
+            swing = ti.max(swing, 1.0 + angle)
+    room = ti.min(room, wall_gap(bounds, x).w - way.norm())
     for c in ti.static(range(4)):
         known[at, NORMAL + c] = hit[c]
     for c in ti.static(range(3)):
@@ -70,7 +69,7 @@ def met(
         before = ti.Vector([known[at, 0], known[at, 1], known[at, 2], known[at, GAP]])
         first = ti.cast(known[at, WHICH], ti.i32)
         hit, which = met_from(
-            before, first, table, samples, count, bounds, thickness, b, begin, end
+            before, first, way, table, samples, count, bounds, thickness, b, begin, end
         )  # fmt: skip
         hit.w = ti.min(hit.w - thickness, 0.0)
     return hit, which

@@ -20,7 +20,7 @@ is as long as it may be and every point outside, each turned about the one befor
 Strands do not wait for each other: all iterations of all of them are one launch. 2,000 of 32 points take
 some 10 ms a step on 2 cores, two thirds of it for the band (`strand_band.py`).
 
-Limits: strands do not touch each other and have no twist.
+Limits: strands have no twist. What they do to each other comes after the step (`strand_contact.py`).
 """
 
 from collections.abc import Mapping

@@ -4,8 +4,8 @@ After the solver's step, from x to x', the ways of all points are changed until 
 as surfaces are kept apart in `self_contact.py`:
 
  1. `strand_pairs.py` lists the pairs of segments that may meet on the way
- 2. those nearer than the thickness at x come no nearer, and make up a part of what lacks to it; friction
-    holds them (`strand_kernels.py`)
+ 2. those that would come nearer than the thickness do not, and those that are make up a part of what lacks;
+    friction holds them (`strand_kernels.py`)
  3. those whose axes would meet on the way (`closest.py`) become contacts too, until none would
  4. what is left after MOST_ROUNDS moves as a rigid body, or stays (`impact_zones.py`)
 
@@ -14,7 +14,7 @@ most of what pushed in a step as a force in the next, so that strands settle aga
 
 Limits: segments of one strand that are nearer along it than half a turn of its tightest bend do not touch.
 Pins and bodies move regardless: what they force through itself is reported. Strain limits are the solver's:
-contacts stretch a strand after it by what they move it along.
+contacts after it keep the lengths that it found, as far as they have converged.
 """
 
 import logging
@@ -25,11 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import ti
+from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.explicit import copy
 from tianim.systems.springs.impact_zones import rigid, zones_of
-from tianim.systems.springs.points import Points
+from tianim.systems.springs.points import Points, entries_before
 from tianim.systems.springs.strand_kernels import (
     NEAR,
     NUMBERS,
@@ -37,6 +38,7 @@ from tianim.systems.springs.strand_kernels import (
     flag_meeting,
     flag_near,
     note_contacts,
+    note_taut,
     note_walls,
     push_on,
     resolve,
@@ -50,7 +52,7 @@ LOG = logging.getLogger("tianim")
 # would meet comes to a tenth, and each side may go half of the rest.
 SLACK = 0.5
 # Times that all contacts are gone through at most, until none moves by this part of the thickness.
-SWEEPS, ENOUGH = 20, 1e-3
+SWEEPS, ENOUGH = 150, 2e-3
 MOST_EXTRA, MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 2, 10, 12, 50
 FIRST_CONTACTS = 1024
 
@@ -78,7 +80,11 @@ class StrandContact:
         self._start, self._solved, self._listed = (ti.ndarray(ti.f64, room) for _ in range(3))
         self._push, self._total = (ti.ndarray(ti.f64, room) for _ in range(2))
         self.forget()
-        self._busy: Any = ti.ndarray(ti.i32, points.capacity)
+        self._busy, self._taut = (ti.ndarray(ti.i32, points.capacity) for _ in range(2))
+        self._pull: Any = ti.ndarray(ti.f64, (points.capacity, 2))
+        self._strands = len(chains)
+        self._first = constant(np.array([*(chain[0] for chain in chains), whole.count]))
+        self._back = constant(entries_before(points))
         self._contacts = 0
         self._make_room(FIRST_CONTACTS)
         self._warned = False
@@ -101,7 +107,7 @@ class StrandContact:
                 pairs.room, self._h, self._start, points.x, pairs.pair, pairs.gap, pairs.count, pairs.flag
             )  # fmt: skip
             self._note(True, dt)
-            self._resolve(SWEEPS)
+            self._resolve(SWEEPS, dt)
             self._untangle(dt)
         self.pushed = self._contacts
         settle_moved(
@@ -115,7 +121,7 @@ class StrandContact:
             if not self._detect():
                 return
             self._note(False, dt)
-            self._resolve(SWEEPS * min(1 + turn, MOST_EXTRA))
+            self._resolve(SWEEPS * min(1 + turn, MOST_EXTRA), dt)
         if self._detect():
             self._fail_safe()
 
@@ -187,11 +193,14 @@ class StrandContact:
                 self._number,
             )  # fmt: skip
 
-    def _resolve(self, sweeps: int) -> None:
+    def _resolve(self, sweeps: int, dt: float) -> None:
         points = self._points
+        segments = note_taut(
+            self._strands, self._first, self._busy, self._solved, self._taut, self._pull
+        )  # fmt: skip
         resolve(
-            sweeps, self._contacts, ENOUGH * self._h, self._corner, self._number, points.inverse_mass,
-            points.x,
+            sweeps, self._contacts, segments, dt, ENOUGH * self._h, self._corner, self._number, self._taut,
+            self._pull, self._back, points.row, points.inverse_mass, points.x,
         )  # fmt: skip
 
     def _reserve(self, contacts: int) -> bool:

@@ -6,9 +6,13 @@ s = sum w_i x_i, the way from one to the other, at the end of the step:
     f += (aim - s) / sum(w_i^2 / m_i),   f_n >= 0,  |f_t| <= mu f_n,   x_i += w_i / m_i df
 
 f [kg m] is what the two are pushed by in the step, `aim` where s is to be: as far along n as they are to be
-apart, and across as at the start. Contacts are gone through one after another, to and fro, so that nothing
-depends on the number of threads; each keeps momentum. What touches a body too has a contact of one point with
-it in the same list.
+apart, and across as at the start. What touches a body too has a contact of one point with it, in the same
+list. So that this does not stretch the strands, their segments pull too, as their springs do in a step b:
+
+    f += (l' - l - f / (k b^2)) / (1 / m_a + 1 / m_b + 1 / (k b^2))
+
+l' being their length after the solver's step. All are gone through one after another, to and fro, so that
+nothing depends on the number of threads; each keeps momentum.
 """
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
@@ -26,7 +30,7 @@ NEAR, MARGIN = 1.25, 0.2
 RECOVERED = 0.1
 # No pair comes nearer than this part of the thickness, or of its distance at the start of the step; what
 # would is kept KEPT of the thickness apart.
-LEAST, LEAST_OF_GAP, KEPT = 0.1, 0.8, 0.5
+LEAST, LEAST_OF_GAP, KEPT = 0.1, 0.8, 0.9
 # Part of the forces of a step that the solver knows in the next: less than all, so that they end.
 PASSED_ON = 0.8
 NEVER = 2.0
@@ -49,17 +53,24 @@ def flag_near(
     room: ti.i32, thickness: ti.f64, start: f64_2d, end: f64_2d, pair: i32_2d, gap: f64_1d, count: i32_1d,
     flag: f32_1d,
 ):  # fmt: skip
-    """Flag 0 for the pairs that are near at the start and would come too near, NEVER for others."""
+    """Part of the step after which pairs touch: 0 for what is near and would come too near, or NEVER."""
     for k in range(PIECES * room):
         flag[k] = NEVER
-        if k % room < count[k // room] and gap[k] < NEAR * thickness and gap[k] > 0.0:
+        if k % room < count[k // room] and gap[k] > 0.0:
             a, b, far = pair[k, 0], pair[k, 1], gap[k]
             xa, xb, xc, xd = point(start, a), point(start, a + 1), point(start, b), point(start, b + 1)
-            w = edge_edge(xa, xb, xc, xd)
-            n = between(w, xa, xb, xc, xd) / far
-            then = between(w, point(end, a), point(end, a + 1), point(end, b), point(end, b + 1)).dot(n)
-            if then < wanted(far, thickness) + MARGIN * thickness:
-                flag[k] = 0.0
+            ya, yb, yc, yd = point(end, a), point(end, a + 1), point(end, b), point(end, b + 1)
+            if far < NEAR * thickness:
+                w = edge_edge(xa, xb, xc, xd)
+                then = between(w, ya, yb, yc, yd).dot(between(w, xa, xb, xc, xd) / far)
+                if then < wanted(far, thickness) + MARGIN * thickness:
+                    flag[k] = 0.0
+            else:
+                pa, pb, pc, pd = ya - xa, yb - xb, yc - xc, yd - xd
+                most = reach(EDGE_EDGE, pa, pb, pc, pd)
+                if most > far - thickness:
+                    t = meeting(EDGE_EDGE, far, thickness, most, xa, xb, xc, xd, pa, pb, pc, pd)
+                    flag[k] = ti.select(t < 1.0, ti.cast(ti.min(t, 0.999999), ti.f32), NEVER)
 
 
 @ti.kernel
@@ -170,36 +181,87 @@ def note_walls(
 
 
 @ti.kernel
-def resolve(
-    sweeps: ti.i32, contacts: ti.i32, enough: ti.f64, corner: i32_2d, number: f64_2d, inverse_mass: f64_1d,
-    x: f64_2d,
+def note_taut(
+    strands: ti.i32, first: i32_1d, busy: i32_1d, solved: f64_2d, taut: i32_1d, pull: f64_2d
+) -> ti.i32:
+    """All segments of the strands that touch something, by their second points; how many."""
+    at = 0
+    ti.loop_config(serialize=True)
+    for strand in range(strands):
+        touches = 0
+        for i in range(first[strand], first[strand + 1]):
+            touches += busy[i]
+        if touches > 0:
+            for i in range(first[strand] + 1, first[strand + 1]):
+                taut[at], pull[at, 0] = i, 0.0
+                pull[at, 1] = (point(solved, i) - point(solved, i - 1)).norm()
+                at += 1
+    return at
+
+
+@ti.func
+def keep_length(k, b, taut: ti.template(), pull: ti.template(), back: ti.template(), row: ti.template(),
+    inverse_mass: ti.template(), x: ti.template(),
 ):  # fmt: skip
-    """Go through all contacts, to and fro, until none moves its pair by more than `enough` [m]."""
+    """Move the ends of a segment together or apart, as far as its spring has it; by how much [m]."""
+    i, moved = taut[k], ti.cast(0.0, ti.f64)
+    wa, wb = inverse_mass[i - 1], inverse_mass[i]
+    if wa + wb > 0.0:
+        d = point(x, i) - point(x, i - 1)
+        length = ti.max(d.norm(), 1e-20)
+        give = 1.0 / ti.max(row[back[i], 0] * b * b, 1e-20)
+        df = (pull[k, 1] - length - give * pull[k, 0]) / (wa + wb + give)
+        pull[k, 0] = pull[k, 0] + df
+        for c in ti.static(range(3)):
+            x[i - 1, c] = x[i - 1, c] - wa * df * d[c] / length
+            x[i, c] = x[i, c] + wb * df * d[c] / length
+        moved = ti.abs((wa + wb) * df)
+    return moved
+
+
+@ti.func
+def keep_apart(
+    k, corner: ti.template(), number: ti.template(), inverse_mass: ti.template(), x: ti.template()
+):
+    """Move the points of a contact as far as its force may; by how much [m]."""
+    s, give, moved = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    for c in ti.static(range(4)):
+        w, i = number[k, WEIGHT + c], corner[k, c]
+        s += w * point(x, i)
+        give += w * w * inverse_mass[i]
+    if give > 0.0:
+        n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
+        aim = ti.Vector([number[k, AIM], number[k, AIM + 1], number[k, AIM + 2]])
+        old = ti.Vector([number[k, FORCE], number[k, FORCE + 1], number[k, FORCE + 2]])
+        f = within_cone(old + (aim - s) / give, n, number[k, FRICTION])
+        df = f - old
+        moved = give * df.norm()
+        for c in ti.static(range(3)):
+            number[k, FORCE + c] = f[c]
+        for c in ti.static(range(4)):
+            w, i = number[k, WEIGHT + c], corner[k, c]
+            for d in ti.static(range(3)):
+                x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
+    return moved
+
+
+@ti.kernel
+def resolve(
+    sweeps: ti.i32, contacts: ti.i32, segments: ti.i32, b: ti.f64, enough: ti.f64, corner: i32_2d,
+    number: f64_2d, taut: i32_1d, pull: f64_2d, back: i32_1d, row: f32_2d, inverse_mass: f64_1d, x: f64_2d,
+):  # fmt: skip
+    """Go through all segments and contacts, to and fro, until none moves by more than `enough` [m]."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         sweep, most = 0, ti.cast(enough + 1.0, ti.f64)
         while sweep < sweeps and most > enough:
             most = 0.0
+            for step in range(segments):
+                k = ti.select(sweep % 2 == 0, step, segments - 1 - step)
+                most = ti.max(most, keep_length(k, b, taut, pull, back, row, inverse_mass, x))
             for step in range(contacts):
                 k = ti.select(sweep % 2 == 0, step, contacts - 1 - step)
-                s, give = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64)
-                for c in ti.static(range(4)):
-                    w, i = number[k, WEIGHT + c], corner[k, c]
-                    s += w * point(x, i)
-                    give += w * w * inverse_mass[i]
-                if give > 0.0:
-                    n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
-                    aim = ti.Vector([number[k, AIM], number[k, AIM + 1], number[k, AIM + 2]])
-                    old = ti.Vector([number[k, FORCE], number[k, FORCE + 1], number[k, FORCE + 2]])
-                    f = within_cone(old + (aim - s) / give, n, number[k, FRICTION])
-                    df = f - old
-                    most = ti.max(most, give * df.norm())
-                    for c in ti.static(range(3)):
-                        number[k, FORCE + c] = f[c]
-                    for c in ti.static(range(4)):
-                        w, i = number[k, WEIGHT + c], corner[k, c]
-                        for d in ti.static(range(3)):
-                            x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
+                most = ti.max(most, keep_apart(k, corner, number, inverse_mass, x))
             sweep += 1
 
 

@@ -34,7 +34,7 @@ from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls, wall_velocity
 from tianim.systems.springs.params import SpringsParams
-from tianim.systems.springs.points import Points
+from tianim.systems.springs.points import Points, entries_before
 from tianim.systems.springs.strand_band import WIDTH, eliminate, substitute, zero
 from tianim.systems.springs.strand_walls import KNOWN, look, met, settle, triple
 
@@ -239,13 +239,3 @@ class StrandSolver:
         tension = np.zeros(self._points.capacity)
         tension[: self._points.count] = state["tension"]
         self._tension.from_numpy(tension)
-
-
-def entries_before(points: Points) -> NDArray[np.int32]:
-    """Of each point the entry in its row that is the spring to the point before; 0 where there is none."""
-    start, neighbour = points.start.to_numpy(), points.neighbour.to_numpy()[: points.start[points.count]]
-    owner = np.repeat(np.arange(points.count), np.diff(start))
-    found = np.zeros(points.count, np.int32)
-    before = np.flatnonzero(neighbour == owner - 1)
-    found[owner[before]] = before
-    return found

@@ -51,8 +51,9 @@ LOG = logging.getLogger("tianim")
 # How far points may be pushed with one list, in thicknesses: it has what comes as near as NEAR of them, what
 # would meet comes to a tenth, and each side may go half of the rest.
 SLACK = 0.5
-# Times that all contacts are gone through at most, until none moves by this part of the thickness.
-SWEEPS, ENOUGH = 150, 2e-3
+# Times that contacts and segments are gone through at most, fewer where there are so many that it would take
+# more than AT_A_TIME of them in all, until none moves by ENOUGH of the thickness.
+SWEEPS, FEWEST, AT_A_TIME, ENOUGH = 150, 15, 400_000, 2e-3
 MOST_EXTRA, MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 2, 10, 12, 50
 FIRST_CONTACTS = 1024
 
@@ -107,7 +108,7 @@ class StrandContact:
                 pairs.room, self._h, self._start, points.x, pairs.pair, pairs.gap, pairs.count, pairs.flag
             )  # fmt: skip
             self._note(True, dt)
-            self._resolve(SWEEPS, dt)
+            self._resolve(1, dt)
             self._untangle(dt)
         self.pushed = self._contacts
         settle_moved(
@@ -121,7 +122,7 @@ class StrandContact:
             if not self._detect():
                 return
             self._note(False, dt)
-            self._resolve(SWEEPS * min(1 + turn, MOST_EXTRA), dt)
+            self._resolve(min(1 + turn, MOST_EXTRA), dt)
         if self._detect():
             self._fail_safe()
 
@@ -193,11 +194,13 @@ class StrandContact:
                 self._number,
             )  # fmt: skip
 
-    def _resolve(self, sweeps: int, dt: float) -> None:
+    def _resolve(self, times: int, dt: float) -> None:
         points = self._points
         segments = note_taut(
             self._strands, self._first, self._busy, self._solved, self._taut, self._pull
         )  # fmt: skip
+        each = max(self._contacts + segments, 1)
+        sweeps = times * min(SWEEPS, max(FEWEST, AT_A_TIME // each))
         resolve(
             sweeps, self._contacts, segments, dt, ENOUGH * self._h, self._corner, self._number, self._taut,
             self._pull, self._back, points.row, points.inverse_mass, points.x,

@@ -124,7 +124,7 @@ def test_a_rope_that_falls_across_another_is_held(speed: float) -> None:
 
 def test_the_checker_sees_what_passes() -> None:
     before = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 0.5, -1], [0, 0.5, 1]])
-    after = before - [[0, 0, 0], [0, 0, 0], [0, 1, 0], [0, 1, 0]]
+    after = before - [[0, 0, 0], [0, 0, 0], [0, 1.1, 0], [0, 1.1, 0]]
     assert crossings(np.array([[0, 2]]), before, after) == 1
     aside = np.array([[5.0, 0, 0], [5, 0, 0], [0, 0, 0], [0, 0, 0]])
     assert crossings(np.array([[0, 2]]), before + aside, after + aside) == 0
@@ -217,7 +217,7 @@ def test_the_grid_finds_every_pair_that_comes_near() -> None:
     both = both[(both[:, 0] // 12 != both[:, 1] // 12) | (both[:, 1] - both[:, 0] >= 2)]
     near = np.min([nearest(both, start + t * (end - start)) for t in np.linspace(0, 1, 33)], axis=0) < 0.02
     wanted = {tuple(pair) for pair in both[near].tolist()}
-    assert len(wanted) > 200
+    assert len(wanted) > 100
     assert wanted <= set(found)
     assert count < 20 * len(wanted)
 

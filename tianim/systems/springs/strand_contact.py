@@ -9,8 +9,8 @@ as surfaces are kept apart in `self_contact.py`:
  3. those whose axes would meet on the way (`closest.py`) become contacts too, until none would
  4. what is left after MOST_ROUNDS moves as a rigid body, or stays (`impact_zones.py`)
 
-So no axis ever passes through another, and what is in contact keeps the thickness nearly. The solver gets
-most of what pushed in a step as a force in the next, so that strands settle against each other.
+So no axis ever passes through another, and what is in contact keeps the thickness nearly. Nothing is carried
+from step to step, and every push is one of a pair, so that momentum is kept.
 
 Limits: segments of one strand that are nearer along it than half a turn of its tightest bend do not touch.
 Pins and bodies move regardless: what they force through itself is reported. Strain limits are the solver's:
@@ -22,7 +22,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tianim.lang import ti
 from tianim.systems.springs.arrays import constant
@@ -40,7 +39,6 @@ from tianim.systems.springs.strand_kernels import (
     note_contacts,
     note_taut,
     note_walls,
-    push_on,
     resolve,
     settle_moved,
 )
@@ -79,8 +77,6 @@ class StrandContact:
         self._pairs = StrandPairs(chains, lengths, thickness)
         room = (points.capacity, 3)
         self._start, self._solved, self._listed = (ti.ndarray(ti.f64, room) for _ in range(3))
-        self._push, self._total = (ti.ndarray(ti.f64, room) for _ in range(2))
-        self.forget()
         self._busy, self._taut = (ti.ndarray(ti.i32, points.capacity) for _ in range(2))
         self._pull: Any = ti.ndarray(ti.f64, (points.capacity, 2))
         self._strands = len(chains)
@@ -92,10 +88,8 @@ class StrandContact:
         self.pushed = self.zones = 0
 
     def begin(self) -> None:
-        """Remember where the step begins; the solver is to know what pushed in the step before."""
-        points = self._points
-        copy(points.count, points.x, self._start)
-        push_on(points.count, self._push, points.external)
+        """Remember where the step begins."""
+        copy(self._points.count, self._points.x, self._start)
 
     def end(self, dt: float) -> None:
         """Change what the solver made of the step so that nothing meets."""
@@ -112,8 +106,7 @@ class StrandContact:
             self._untangle(dt)
         self.pushed = self._contacts
         settle_moved(
-            points.count, dt, points.inverse_mass, self._start, self._solved, points.x, points.v, self._push,
-            self._total,
+            points.count, dt, points.inverse_mass, self._start, self._solved, points.x, points.v
         )  # fmt: skip
 
     def _untangle(self, dt: float) -> None:
@@ -221,21 +214,6 @@ class StrandContact:
     def _make_room(self, contacts: int) -> None:
         self._corner: Any = ti.ndarray(ti.i32, (contacts, 4))
         self._number: Any = ti.ndarray(ti.f64, (contacts, NUMBERS))
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What pushed in the last step."""
-        points = self._points
-        return {"self_push": points.read(self._push), "self_total": points.read(self._total)}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take over what `state` gave."""
-        for name, array in (("self_push", self._push), ("self_total", self._total)):
-            self._points.write(array, np.asarray(state[name], np.float64))
-
-    def forget(self) -> None:
-        """Nothing pushed: places or velocities were set."""
-        self._push.fill(0.0)
-        self._total.fill(0.0)
 
     def diagnostics(self) -> Mapping[str, float]:
         """Contacts in the last step, and points in the fail-safe."""

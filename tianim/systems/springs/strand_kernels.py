@@ -31,8 +31,6 @@ RECOVERED = 0.1
 # No pair comes nearer than this part of the thickness, or of its distance at the start of the step; what
 # would is kept KEPT of the thickness apart.
 LEAST, LEAST_OF_GAP, KEPT = 0.1, 0.8, 0.9
-# Part of the forces of a step that the solver knows in the next: less than all, so that they end.
-PASSED_ON = 0.8
 NEVER = 2.0
 
 
@@ -276,33 +274,15 @@ def farthest(n: ti.i32, a: f64_2d, b: f64_2d) -> ti.f64:
 
 
 @ti.kernel
-def push_on(n: ti.i32, push: f64_2d, external: f64_2d):
-    """Add `push` to the accelerations of the points."""
-    for i in range(n):
-        for c in ti.static(range(3)):
-            external[i, c] += push[i, c]
-
-
-@ti.kernel
 def settle_moved(
-    n: ti.i32, dt: ti.f64, inverse_mass: f64_1d, start: f64_2d, solved: f64_2d, x: f64_2d, v: f64_2d,
-    push: f64_2d, total: f64_2d,
-):  # fmt: skip
-    """Points that were moved go as they went in the step.
-
-    In the next the solver is to know PASSED_ON of what pushed them in this one and in the one before alike: a
-    blow is over at once. What was not moved is let go.
-    """
+    n: ti.i32, dt: ti.f64, inverse_mass: f64_1d, start: f64_2d, solved: f64_2d, x: f64_2d, v: f64_2d
+):
+    """Points that were moved go as they went in the step."""
     for i in range(n):
         moved = 0
         for c in ti.static(range(3)):
             if x[i, c] != solved[i, c]:
                 moved = 1
-        for c in ti.static(range(3)):
-            d = x[i, c] - solved[i, c]
-            now, before = ti.select(moved == 1, push[i, c] + d / (dt * dt), 0.0), total[i, c]
-            less = ti.select(ti.abs(now) < ti.abs(before), now, before)
-            push[i, c] = ti.select(now * before > 0.0, PASSED_ON * less, 0.0)
-            total[i, c] = now
-            if moved == 1 and inverse_mass[i] > 0.0:
+        if moved == 1 and inverse_mass[i] > 0.0:
+            for c in ti.static(range(3)):
                 v[i, c] = (x[i, c] - start[i, c]) / dt

@@ -213,7 +213,7 @@ class SpringSystem:
         points = self.points
         own = {"position": points.read(points.x), "velocity": points.read(points.v)}
         own |= {"time": np.array([self._time]), "pushed": np.array(self._was_pushed, np.bool_)}
-        folds = {} if self.folds is None else self.folds.state()
+        folds = self.folds.state() if isinstance(self.folds, SelfContact) else {}
         return own | self.solver.state() | self.pins.state() | self.limits.state() | folds
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -227,7 +227,7 @@ class SpringSystem:
         self.solver.hold(self.pins.held)
         self.solver.restore(state)
         self.limits.restore(state)
-        if self.folds is not None:
+        if isinstance(self.folds, SelfContact):
             self.folds.restore(state)
 
     def arrays(self) -> tuple[str, ...]:
@@ -252,7 +252,7 @@ class SpringSystem:
         if not np.array_equal(given, self.points.read(array)):
             self.points.write(array, given)
             self.solver.forget()
-            if self.folds is not None:
+            if isinstance(self.folds, SelfContact):
                 self.folds.forget()
 
     def _known(self, name: str) -> str:

@@ -207,7 +207,7 @@ def test_the_grid_finds_every_pair_that_comes_near() -> None:
     arrays = [ti.ndarray(ti.f64, start.shape) for _ in range(2)]
     for array, values in zip(arrays, (start, end), strict=True):
         array.from_numpy(values)
-    count = pairs.find(*arrays, 0.02)
+    count = pairs.find(arrays[0], arrays[1], 0.02)
     used = np.arange(pairs.room) < pairs.count.to_numpy()[:PIECES, None]
     found = [tuple(sorted(one)) for one in pairs.pair.to_numpy()[used.ravel()].tolist()]
     assert len(found) == count == len(set(found))

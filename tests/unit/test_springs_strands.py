@@ -113,7 +113,22 @@ print(hashlib.sha256(system.read("position").tobytes()).hexdigest())
 """
 
 
-@pytest.mark.parametrize("program", [PROGRAM], ids=["walls"])
+COILED = """
+import hashlib, sys
+from tianim import runtime
+runtime.start(threads=int(sys.argv[1]))
+sys.path.insert(0, sys.argv[2])
+from test_springs_strand_contact import ropes, steps
+rope = {"points": [(0, 0.05, 0), (0.004, 0.7, 0.002)], "segments": 65, "bend": 3e-4}
+system = ropes({"p": rope}, {"floor": {"kind": "plane"}}, friction=0.4)
+for _ in steps(system, 90):
+    pass
+assert system.diagnostics()["self_contacts"] > 50
+print(hashlib.sha256(system.read("position").tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.parametrize("program", [PROGRAM, COILED], ids=["walls", "each other"])
 def test_bytes_do_not_depend_on_the_number_of_threads(program: str, request: pytest.FixtureRequest) -> None:
     found = {
         subprocess.run(

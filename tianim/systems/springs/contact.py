@@ -57,6 +57,15 @@ def nearest_wall(table: ti.template(), samples: ti.template(), count, bounds: ti
 
 
 @ti.func
+def wall_velocity(table: ti.template(), samples: ti.template(), count, which, x):
+    """Velocity of a wall at x."""
+    v = ti.Vector([0.0, 0.0, 0.0])
+    if which < count:
+        v = surface_velocity(table, samples, which, x)
+    return v
+
+
+@ti.func
 def met_wall(
     table: ti.template(), samples: ti.template(), count, bounds: ti.template(), thickness, dt, start, end,
 ):  # fmt: skip
@@ -64,47 +73,49 @@ def met_wall(
 
     Where it passes through something, the distance is that from the tangent plane at the place of entry.
     """
-    hit, which = nearest_wall(table, samples, count, bounds, end, dt)
-    way = end - start
-    length = way.norm()
     before, first = nearest_wall(table, samples, count, bounds, start, 0.0)
-    # What moves may come from as far as it moves: bodies are slower than points are fast here, or thick.
-    reach = length
-    if first < count:
-        reach += surface_velocity(table, samples, first, start).norm() * dt
-    if before.w > thickness and reach > before.w - thickness and hit.w > -FAR:
-        done, s, traced = 0, ti.max(before.w - thickness, LEAST_TRACE * thickness) / ti.max(reach, 1e-20), 0
-        while done == 0 and s < 1.0 and traced < MOST_TRACES:
-            at, there = nearest_wall(table, samples, count, bounds, start + s * way, s * dt)
-            if at.w < thickness:
-                rest = (1.0 - s) * way
-                if there < count:
-                    rest -= (1.0 - s) * dt * surface_velocity(table, samples, there, start + s * way)
-                through = at.w + rest.dot(at.xyz)
-                # The side it came from counts where it ends amid a thin wall.
-                if through < hit.w + LEAST_TRACE * thickness:
-                    hit, which = ti.Vector([at.x, at.y, at.z, through]), there
-                done = 1
-            s += ti.max(at.w - thickness, LEAST_TRACE * thickness) / ti.max(reach, 1e-20)
-            traced += 1
-    if before.w <= thickness:
-        # What touches and is driven in may come out on the other side within a step.
-        rest = way
-        if first < count:
-            rest -= dt * surface_velocity(table, samples, first, start)
-        deep = rest.dot(before.xyz)
-        if deep < -thickness and before.w + deep < hit.w + LEAST_TRACE * thickness:
-            hit, which = ti.Vector([before.x, before.y, before.z, before.w + deep]), first
-    return hit, which
+    moves = dt * wall_velocity(table, samples, count, first, start)
+    return met_from(before, first, moves, table, samples, count, bounds, thickness, dt, start, end)
 
 
 @ti.func
-def wall_velocity(table: ti.template(), samples: ti.template(), count, which, x):
-    """Velocity of a wall at x."""
-    v = ti.Vector([0.0, 0.0, 0.0])
-    if which < count:
-        v = surface_velocity(table, samples, which, x)
-    return v
+def met_from(
+    before, first, moves, table: ti.template(), samples: ti.template(), count, bounds: ti.template(),
+    thickness, dt, start, end,
+):  # fmt: skip
+    """As `met_wall`, of a point whose nearest wall at `start` is known: `before`, number `first`, its way."""
+    way = end - start
+    hit, which = before, first
+    # What moves may come from as far as it moves: bodies are slower than points are fast here, or thick.
+    reach = way.norm() + moves.norm()
+    # The end is looked up in the same place as the way: a second one would take as long to compile again.
+    place, s, traced, going = end, 1.0, 0, 1
+    while going == 1:
+        at, there = nearest_wall(table, samples, count, bounds, place, s * dt)
+        if traced == 0:
+            hit, which, s = at, there, 0.0
+            going = ti.select(before.w > thickness and reach > before.w - thickness, 1, 0)
+            at.w = before.w
+        elif at.w < thickness:
+            rest = (1.0 - s) * way
+            if there < count:
+                rest -= (1.0 - s) * dt * surface_velocity(table, samples, there, place)
+            through = at.w + rest.dot(at.xyz)
+            # The side it came from counts where it ends amid a thin wall.
+            if through < hit.w + LEAST_TRACE * thickness:
+                hit, which = ti.Vector([at.x, at.y, at.z, through]), there
+            going = 0
+        s += ti.max(at.w - thickness, LEAST_TRACE * thickness) / ti.max(reach, 1e-20)
+        place = start + s * way
+        if s >= 1.0 or traced == MOST_TRACES:
+            going = 0
+        traced += 1
+    if before.w <= thickness:
+        # What touches and is driven in may come out on the other side within a step.
+        deep = (way - moves).dot(before.xyz)
+        if deep < -thickness and before.w + deep < hit.w + LEAST_TRACE * thickness:
+            hit, which = ti.Vector([before.x, before.y, before.z, before.w + deep]), first
+    return hit, which
 
 
 @ti.kernel

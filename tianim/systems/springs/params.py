@@ -121,10 +121,13 @@ class Contact(Params):
     restitution: Fraction = Field(0.0, description="part of the speed given back; explicit only")
     self_collision: bool = Field(
         False,
-        description="whether surfaces of pieces touch each other and themselves; else they pass through",
+        description="whether surfaces, or ropes and strands by the solver strands, touch each other and "
+        "themselves; else they pass through",
     )
     self_thickness: Positive | None = Field(
-        None, description="distance that surfaces keep from each other [m]; left out: `thickness`"
+        None,
+        description="distance that surfaces keep from each other, or how thick ropes and strands are [m]; "
+        "left out: `thickness`",
     )
     bodies: Mapping[Name, BodyContact] = Field(
         {}, max_length=MOST_NAMES, description="bodies with a friction of their own, by name"

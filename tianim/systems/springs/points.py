@@ -132,3 +132,13 @@ class Held:
         """Exactly where they were led."""
         if self.count:
             settle(self.count, self._which, self._target, points.x)
+
+
+def entries_before(points: Points) -> NDArray[np.int32]:
+    """Of each point the entry in its row that is the spring to the point before; 0 where there is none."""
+    start, neighbour = points.start.to_numpy(), points.neighbour.to_numpy()[: points.start[points.count]]
+    owner = np.repeat(np.arange(points.count), np.diff(start))
+    found = np.zeros(points.count, np.int32)
+    before = np.flatnonzero(neighbour == owner - 1)
+    found[owner[before]] = before
+    return found

@@ -14,11 +14,13 @@ counts as stiff across, not as the negative that it is, and no segment turns far
 that stands on its head buckles, and does not burst.
 
 Contact is part of the same equations: a point that is too near is pushed by `PRESSED` times its springs'
-stiffness times what it lacks, and held by friction until that slides.
+stiffness times what it lacks, and held by friction until that slides. At the end of the step every segment
+is as long as it may be and every point outside, each turned about the one before it (`strand_walls.py`).
 
-Strands do not wait for each other: all iterations of all of them are one launch.
+Strands do not wait for each other: all iterations of all of them are one launch. 2,000 of 32 points took
+20 ms a step on 2 busy cores (processor time over two), half of it for the band (`strand_band.py`).
 
-Limits: strands do not touch each other and have no twist.
+Limits: strands have no twist. What they do to each other comes after the step (`strand_contact.py`).
 """
 
 from collections.abc import Mapping
@@ -27,42 +29,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, ti
+from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, ti, workers
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
-from tianim.systems.springs.contact import Walls, met_wall, wall_velocity
+from tianim.systems.springs.contact import Walls, wall_velocity
 from tianim.systems.springs.params import SpringsParams
-from tianim.systems.springs.points import Points
+from tianim.systems.springs.points import Points, entries_before
+from tianim.systems.springs.strand_band import WIDTH, eliminate, substitute, zero
+from tianim.systems.springs.strand_walls import KNOWN, look, met, settle, triple
 
 # Stiffness of contact over that of the point's springs and mass together.
 PRESSED = 1.0
 # Most that one end of a segment goes past the other in an iteration, in lengths of the segment: what turns is
 # stretched by half the square of it.
 MOST_TURN = 0.2
-# Turns of length and body about each point at the end: one undoes a little of the other.
-SETTLE = 5
 # Strain limit of what has none.
 UNLIMITED = 1e6
-# Floats of a point: the inverse of D (6, symmetric), L of the point before (9), of the one before that (9).
-WIDTH = 24
-
-
-@ti.func
-def _inverse(m):
-    """Of a symmetric 3 x 3 matrix."""
-    a = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]
-    b = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
-    c = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-    d = m[0, 0] * m[2, 2] - m[0, 2] * m[0, 2]
-    e = m[0, 1] * m[0, 2] - m[0, 0] * m[1, 2]
-    f = m[0, 0] * m[1, 1] - m[0, 1] * m[0, 1]
-    s = 1.0 / (m[0, 0] * a + m[0, 1] * b + m[0, 2] * c)
-    return ti.Matrix([[a * s, b * s, c * s], [b * s, d * s, e * s], [c * s, e * s, f * s]])
-
-
-@ti.func
-def _triple(array: ti.template(), i):
-    return ti.Vector([array[i, 0], array[i, 1], array[i, 2]])
+# Rows between what two tasks write.
+APART = 8
 
 
 @ti.kernel
@@ -81,163 +65,122 @@ def start_step(
 
 
 @ti.func
-def _stored(band: ti.template(), p):
-    """The inverse of D of point p."""
-    return ti.Matrix([
-        [band[p, 0], band[p, 1], band[p, 2]], [band[p, 1], band[p, 3], band[p, 4]],
-        [band[p, 2], band[p, 4], band[p, 5]],
-    ])  # fmt: skip
+def pulled(
+    i, b, start: ti.template(), neighbour: ti.template(), row: ti.template(), tension: ti.template(),
+    inverse_mass: ti.template(), base: ti.template(), y: ti.template(), x: ti.template(),
+):  # fmt: skip
+    """Inertia and springs of a free point: r, D, the block A before it, -q before that, stiffness in all."""
+    r, A = ti.Vector([0.0, 0.0, 0.0], ti.f64), zero()
+    far = ti.cast(0.0, ti.f64)
+    heavy = 1.0 / (inverse_mass[i] * b * b)
+    D, stiffest = zero(), heavy
+    for c in ti.static(range(3)):
+        D[c, c] = heavy
+        r[c] = heavy * (y[i, c] - x[i, c])
+    for e in range(start[i], start[i + 1]):
+        j = neighbour[e]
+        d = triple(x, j) - triple(x, i)
+        moved = d - (triple(base, j) - triple(base, i))
+        inverse = 1.0 / ti.sqrt(ti.max(d.norm_sqr(), 1e-30))
+        n = d * inverse
+        k, damper, q = row[e, 0], row[e, 2] / b, row[e, 3]
+        slack = 1.0 - row[e, 1] * inverse
+        r += (k * slack + q) * d + (damper * moved.dot(n)) * n
+        across = q
+        if j == i - 1:
+            across += ti.abs(tension[i]) * inverse
+        if j == i + 1:
+            across += ti.abs(tension[j]) * inverse
+        along = k + damper + q - across
+        H = along * n.outer_product(n)
+        for a in ti.static(range(3)):
+            H[a, a] += across
+        D += H
+        stiffest += k
+        if inverse_mass[j] > 0.0:
+            if j == i - 1:
+                A = -H
+            if j == i - 2:
+                far = -q
+    return r, D, A, far, stiffest
 
 
 @ti.func
-def settle(
-    touching: ti.template(), strand, b, limit, first: ti.template(), start: ti.template(),
-    neighbour: ti.template(), row: ti.template(), inverse_mass: ti.template(), base: ti.template(),
-    x: ti.template(), v: ti.template(), thickness, table: ti.template(), samples: ti.template(), count,
-    bounds: ti.template(),
+def advance(
+    begin, end, at, back: ti.template(), row: ti.template(), z: ti.template(), tension: ti.template(),
+    x: ti.template(),
 ):  # fmt: skip
-    """From the root on, no segment is longer or shorter than the limit, and none is in a body; velocities."""
-    h = ti.cast(b, ti.f32)
-    for i in range(first[strand], first[strand + 1]):
-        if inverse_mass[i] > 0.0:
-            for _ in range(SETTLE):
-                if i > first[strand]:
-                    d = _triple(x, i) - _triple(x, i - 1)
-                    length = ti.max(d.norm(), 1e-20)
-                    for e in range(start[i], start[i + 1]):
-                        if neighbour[e] == i - 1:
-                            rest = row[e, 1]
-                            kept = ti.min(ti.max(length, rest * (1.0 - limit)), rest * (1.0 + limit))
-                            for c in ti.static(range(3)):
-                                x[i, c] = x[i - 1, c] + d[c] * kept / length
-                if ti.static(touching):
-                    begin, end = ti.cast(_triple(base, i), ti.f32), ti.cast(_triple(x, i), ti.f32)
-                    hit, _which = met_wall(table, samples, count, bounds, thickness, h, begin, end)
-                    for c in ti.static(range(3)):
-                        x[i, c] = x[i, c] + ti.max(thickness - hit.w, 0.0) * hit[c]
-            for c in ti.static(range(3)):
-                v[i, c] = (x[i, c] - base[i, c]) / b
+    """Tensions that the equations leave; places go on by z, but no segment turns by more than MOST_TURN."""
+    part = ti.cast(1.0, ti.f64)
+    for i in range(begin + 1, end):
+        p = at + i - begin
+        turned, d = triple(z, p) - triple(z, p - 1), triple(x, i) - triple(x, i - 1)
+        length, e = d.norm(), back[i]
+        part = ti.min(part, MOST_TURN * length / ti.max(turned.norm(), 1e-20))
+        longer = d.dot(turned) / ti.max(length, 1e-20)
+        tension[i] = row[e, 0] * (length - row[e, 1] + longer)
+    for i in range(begin, end):
+        for c in ti.static(range(3)):
+            x[i, c] = x[i, c] + part * z[at + i - begin, c]
 
 
 @ti.kernel
 def newton(
-    touching: ti.template(), strands: ti.i32, iterations: ti.i32, limits: f32_1d, b: ti.f64,
-    first: i32_1d, start: i32_1d, neighbour: i32_1d,
-    row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
-    band: f64_2d, z: f64_2d, tension: f64_1d, thickness: ti.f32, table: f32_2d,
+    touching: ti.template(), tasks: ti.i32, stride: ti.i32, strands: ti.i32, longest: ti.i32,
+    iterations: ti.i32, limits: f32_1d, b: ti.f64, first: i32_1d, back: i32_1d, start: i32_1d,
+    neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
+    band: f64_2d, z: f64_2d, known: f32_2d, turn: i32_1d, tension: f64_1d, thickness: ti.f32, table: f32_2d,
     samples: f32_1d, count: ti.i32, bounds: f32_2d, friction: f32_1d,
 ):  # fmt: skip
-    """All iterations of each strand, and the velocities that come of it."""
-    for strand in range(strands):
-        h = ti.cast(b, ti.f32)  # for the bodies
-        for _ in range(iterations):
-            # Down the strand: residual, blocks, L, D and L^-1 r.
-            last = ti.Matrix(
-                [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], ti.f64
-            )  # L of the point before
-            for i in range(first[strand], first[strand + 1]):
-                r = ti.Vector([0.0, 0.0, 0.0], ti.f64)
-                D = ti.Matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], ti.f64)
-                A = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], ti.f64)
-                far = ti.cast(0.0, ti.f64)
-                if inverse_mass[i] > 0.0:
-                    heavy = 1.0 / (inverse_mass[i] * b * b)
-                    D *= heavy
-                    stiffest = heavy
-                    for c in ti.static(range(3)):
-                        r[c] = heavy * (y[i, c] - x[i, c])
-                    for e in range(start[i], start[i + 1]):
-                        j = neighbour[e]
-                        d = _triple(x, j) - _triple(x, i)
-                        moved = d - (_triple(base, j) - _triple(base, i))
-                        inverse = 1.0 / ti.sqrt(ti.max(d.norm_sqr(), 1e-30))
-                        n = d * inverse
-                        k, damper, q = row[e, 0], row[e, 2] / b, row[e, 3]
-                        slack = 1.0 - row[e, 1] * inverse
-                        r += (k * slack + q) * d + (damper * moved.dot(n)) * n
-                        across = q
-                        if j == i - 1:
-                            across += ti.abs(tension[i]) * inverse
-                        if j == i + 1:
-                            across += ti.abs(tension[j]) * inverse
-                        along = k + damper + q - across
-                        H = along * n.outer_product(n)
-                        for a in ti.static(range(3)):
-                            H[a, a] += across
-                        D += H
-                        stiffest += k
-                        if inverse_mass[j] > 0.0:
-                            if j == i - 1:
-                                A = -H
-                            if j == i - 2:
-                                far = -q
-                    if ti.static(touching):
-                        begin, end = ti.cast(_triple(base, i), ti.f32), ti.cast(_triple(x, i), ti.f32)
-                        hit, which = met_wall(table, samples, count, bounds, thickness, h, begin, end)
-                        depth = thickness - hit.w
-                        if depth > 0.0:
-                            stiff = PRESSED * ti.cast(stiffest, ti.f32)
-                            slid = end - begin - h * wall_velocity(table, samples, count, which, end)
-                            slid -= slid.dot(hit.xyz) * hit.xyz
-                            held = ti.min(stiff, friction[which] * stiff * depth / ti.max(slid.norm(), 1e-20))
-                            r += stiff * depth * hit.xyz - held * slid
-                            D += (stiff - held) * hit.xyz.outer_product(hit.xyz)
-                            for a in ti.static(range(3)):
-                                D[a, a] += held
-                L2 = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], ti.f64)
-                if far != 0.0:
-                    p = i - 2
-                    L2 = far * _stored(band, p)
-                    A -= far * last.transpose()
-                    D -= far * L2
-                    r -= L2 @ _triple(z, p)
-                L1 = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], ti.f64)
-                if i > first[strand]:
-                    p = i - 1
-                    L1 = A @ _stored(band, p)
-                    D -= L1 @ A.transpose()
-                    r -= L1 @ _triple(z, p)
-                own = _inverse(D)
-                band[i, 0], band[i, 1], band[i, 2] = own[0, 0], own[0, 1], own[0, 2]
-                band[i, 3], band[i, 4], band[i, 5] = own[1, 1], own[1, 2], own[2, 2]
-                for a in ti.static(range(3)):
-                    for c in ti.static(range(3)):
-                        band[i, 6 + 3 * a + c] = L1[a, c]
-                        band[i, 15 + 3 * a + c] = L2[a, c]
-                    z[i, a] = r[a]
-                last = L1
-            # And back: D^-1, then what the points after it take.
-            total = first[strand + 1] - first[strand]
-            for back in range(total):
-                i = first[strand + 1] - 1 - back
-                s = _stored(band, i) @ _triple(z, i)
-                for ahead in ti.static(range(1, 3)):
-                    if back >= ahead:
-                        j = i + ahead
-                        at = 6 + 9 * (ahead - 1)
-                        for a in ti.static(range(3)):
-                            for c in ti.static(range(3)):
-                                s[c] -= band[j, at + 3 * a + c] * z[j, a]
-                for c in ti.static(range(3)):
-                    z[i, c] = s[c]
-            # No segment turns by more than MOST_TURN.
-            part = ti.cast(1.0, ti.f64)
-            for i in range(first[strand] + 1, first[strand + 1]):
-                turned = (_triple(z, i) - _triple(z, i - 1)).norm()
-                d = _triple(x, i) - _triple(x, i - 1)
-                length = d.norm()
-                part = ti.min(part, MOST_TURN * length / ti.max(turned, 1e-20))
-                for e in range(start[i], start[i + 1]):
-                    if neighbour[e] == i - 1:
-                        longer = d.dot(_triple(z, i) - _triple(z, i - 1)) / ti.max(length, 1e-20)
-                        tension[i] = row[e, 0] * (length - row[e, 1] + longer)
-            for i in range(first[strand], first[strand + 1]):
-                for c in ti.static(range(3)):
-                    x[i, c] = x[i, c] + part * z[i, c]
-        settle(
-            touching, strand, b, limits[strand], first, start, neighbour, row, inverse_mass, base, x, v,
-            thickness, table, samples, count, bounds,
-        )  # fmt: skip
+    """All iterations of each strand, and the velocities that come of it. Tasks take strands in turn."""
+    turn[0] = 0
+    for block in range(tasks * stride):
+        if block % stride == 0:
+            at, h = block // stride * longest, ti.cast(b, ti.f32)  # h: for the bodies
+            strand = ti.atomic_add(turn[0], 1)
+            while strand < strands:
+                begin, end = first[strand], first[strand + 1]
+                if ti.static(touching):
+                    for i in range(begin, end):
+                        place = ti.cast(triple(base, i), ti.f32)
+                        look(table, samples, count, bounds, thickness, h, place, known, at + i - begin)
+                for _ in range(iterations):
+                    last = zero()
+                    for i in range(begin, end):
+                        p = at + i - begin
+                        r, D, A = ti.Vector([0.0, 0.0, 0.0], ti.f64), zero(), zero()
+                        far = ti.cast(0.0, ti.f64)
+                        for c in ti.static(range(3)):
+                            D[c, c] = 1.0
+                        if inverse_mass[i] > 0.0:
+                            stiffest = ti.cast(0.0, ti.f64)
+                            r, D, A, far, stiffest = pulled(
+                                i, b, start, neighbour, row, tension, inverse_mass, base, y, x
+                            )  # fmt: skip
+                            if ti.static(touching):
+                                here, there = ti.cast(triple(base, i), ti.f32), ti.cast(triple(x, i), ti.f32)
+                                hit, which = met(
+                                    table, samples, count, bounds, thickness, h, here, there, known, p
+                                )  # fmt: skip
+                                if hit.w < 0.0:
+                                    stiff = PRESSED * ti.cast(stiffest, ti.f32)
+                                    wall = wall_velocity(table, samples, count, which, there)
+                                    slid = there - here - h * wall
+                                    slid -= slid.dot(hit.xyz) * hit.xyz
+                                    most = -friction[which] * stiff * hit.w / ti.max(slid.norm(), 1e-20)
+                                    held = ti.min(stiff, most)
+                                    r -= stiff * hit.w * hit.xyz + held * slid
+                                    D += (stiff - held) * hit.xyz.outer_product(hit.xyz)
+                                    for a in ti.static(range(3)):
+                                        D[a, a] += held
+                        last = eliminate(band, z, p, i == begin, D, A, far, r, last)
+                    substitute(band, z, at, end - begin)
+                    advance(begin, end, at, back, row, z, tension, x)
+                settle(
+                    touching, strand, b, limits[strand], first, back, row, inverse_mass, base, x, v,
+                    thickness, table, samples, count, bounds, known, begin - at,
+                )  # fmt: skip
+                strand = ti.atomic_add(turn[0], 1)
 
 
 class StrandSolver:
@@ -259,10 +202,16 @@ class StrandSolver:
         self._first = constant(first)
         room = (points.capacity, 3)
         self._base, self._y = (ti.ndarray(ti.f64, room) for _ in range(2))
-        self._z: Any = ti.ndarray(ti.f64, room)
         self._tension: Any = ti.ndarray(ti.f64, points.capacity)
         self._tension.fill(0.0)
-        self._band: Any = ti.ndarray(ti.f64, (points.capacity, WIDTH))
+        self._tasks, self._stride = workers()
+        self._longest = max(len(chain) for chain in chains) + APART
+        rows = self._tasks * self._longest
+        self._band: Any = ti.ndarray(ti.f64, (rows, WIDTH))
+        self._z: Any = ti.ndarray(ti.f64, (rows, 3))
+        self._known: Any = ti.ndarray(ti.f32, (rows, KNOWN))
+        self._turn: Any = ti.ndarray(ti.i32, 1)
+        self._back = constant(entries_before(points))
 
     def hold(self, held: NDArray[np.bool_]) -> None:
         """Nothing to prepare."""
@@ -272,10 +221,10 @@ class StrandSolver:
         p, walls = self._points, self._walls
         start_step(p.count, dt, p.inverse_mass, p.external, p.x, p.v, self._base, self._y)
         newton(
-            walls.any, self._count, self._iterations, self._limits, dt, self._first, p.start, p.neighbour,
-            p.row, p.inverse_mass, self._base, self._y, p.x, p.v, self._band, self._z, self._tension,
-            walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
-            walls.friction,
+            walls.any, self._tasks, self._stride, self._count, self._longest, self._iterations, self._limits,
+            dt, self._first, self._back, p.start, p.neighbour, p.row, p.inverse_mass, self._base, self._y,
+            p.x, p.v, self._band, self._z, self._known, self._turn, self._tension, walls.thickness,
+            walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds, walls.friction,
         )  # fmt: skip
 
     def forget(self) -> None:

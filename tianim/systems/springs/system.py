@@ -5,8 +5,9 @@
 What a piece is made into: `network.py`; the two ways to step: `explicit.py` and `projective.py`; what bodies
 do: `contact.py`.
 
-Limits: pieces pass through each other and through themselves unless `contact.self_collision` is on, which
-knows surfaces alone (`self_contact.py`): ropes and strands have none.
+Limits: pieces pass through each other and through themselves unless `contact.self_collision` is on. It knows
+surfaces (`self_contact.py`), or, where the solver is `strands`, ropes and strands (`strand_contact.py`), not
+a rope and a cloth.
 """
 
 import logging
@@ -32,6 +33,7 @@ from tianim.systems.springs.points import Points, push, set_external
 from tianim.systems.springs.projective import ProjectiveSolver
 from tianim.systems.springs.report import Report
 from tianim.systems.springs.self_contact import SelfContact
+from tianim.systems.springs.strand_contact import StrandContact
 from tianim.systems.springs.strands import StrandSolver
 
 LOG = logging.getLogger("tianim")
@@ -60,18 +62,24 @@ class SpringSystem:
         walls = Walls(params.contact, world.bodies, world.bounds)
         self.solver = self._chosen_solver(walls)
         self.curvature = Curvature(self.whole)
-        contact = params.contact
-        self.folds: SelfContact | None = None
-        if contact.self_collision and any(len(piece.triangles) for piece in self.whole.pieces.values()):
-            self.folds = SelfContact(
-                self.whole, self.points, walls, contact.self_thickness or contact.thickness,
-                contact.friction, self.solver,
-            )  # fmt: skip
+        self.folds = self._chosen_contact(walls)
         self.sails = Sails(self.whole, world.seed)
         self.limits = Limits(params, self.whole, self.points, self.solver.name != "strands")
         self.report = Report(self.whole, params, self.limits)
         self._was_pushed = [False] * len(self._pushes)
         self._time = 0.0
+
+    def _chosen_contact(self, walls: Walls) -> SelfContact | StrandContact | None:
+        """Contact of pieces with each other, where the scene asks for it and they can."""
+        contact, whole, points = self.params.contact, self.whole, self.points
+        thickness = contact.self_thickness or contact.thickness
+        if not contact.self_collision:
+            return None
+        if isinstance(self.solver, StrandSolver):
+            return StrandContact(whole, points, walls, thickness, contact.friction)
+        if any(len(piece.triangles) for piece in whole.pieces.values()):
+            return SelfContact(whole, points, walls, thickness, contact.friction, self.solver)
+        return None
 
     def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver:
         """The solver that the scene names, or the one that suits; SceneError where it cannot."""
@@ -205,7 +213,7 @@ class SpringSystem:
         points = self.points
         own = {"position": points.read(points.x), "velocity": points.read(points.v)}
         own |= {"time": np.array([self._time]), "pushed": np.array(self._was_pushed, np.bool_)}
-        folds = {} if self.folds is None else self.folds.state()
+        folds = self.folds.state() if isinstance(self.folds, SelfContact) else {}
         return own | self.solver.state() | self.pins.state() | self.limits.state() | folds
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -219,7 +227,7 @@ class SpringSystem:
         self.solver.hold(self.pins.held)
         self.solver.restore(state)
         self.limits.restore(state)
-        if self.folds is not None:
+        if isinstance(self.folds, SelfContact):
             self.folds.restore(state)
 
     def arrays(self) -> tuple[str, ...]:
@@ -244,7 +252,7 @@ class SpringSystem:
         if not np.array_equal(given, self.points.read(array)):
             self.points.write(array, given)
             self.solver.forget()
-            if self.folds is not None:
+            if isinstance(self.folds, SelfContact):
                 self.folds.forget()
 
     def _known(self, name: str) -> str:

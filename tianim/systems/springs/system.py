@@ -33,6 +33,7 @@ from tianim.systems.springs.projective import ProjectiveSolver
 from tianim.systems.springs.report import Report
 from tianim.systems.springs.self_contact import SelfContact
 from tianim.systems.springs.strands import StrandSolver
+from tianim.systems.springs.xpbd import XpbdSolver
 
 LOG = logging.getLogger("tianim")
 
@@ -73,7 +74,7 @@ class SpringSystem:
         self._was_pushed = [False] * len(self._pushes)
         self._time = 0.0
 
-    def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver:
+    def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver | XpbdSolver:
         """The solver that the scene names, or the one that suits; SceneError where it cannot."""
         params, whole, points = self.params, self.whole, self.points
         chosen: str = params.solver
@@ -81,6 +82,9 @@ class SpringSystem:
         if chosen == "strands" and not chains:
             raise SceneError("solver: strands is for ropes and strands alone, without stitches")
         needs = {"hinges": len(whole.hinges.points), "solids": whole.elements is not None}
+        if chosen == "xpbd" and not needs["solids"]:
+            tears = any(piece.tear_strain is not None for piece in params.pieces.values())
+            return XpbdSolver(whole, points, walls, params.xpbd.iterations, tears)
         if any(needs.values()):
             if chosen not in ("auto", "explicit"):
                 what = " and ".join(name for name, there in needs.items() if there)
@@ -133,7 +137,8 @@ class SpringSystem:
         points, now = self.points, self.params.at(time)
         points.weight = float(np.linalg.norm(now.gravity))
         set_external(self.count, *now.gravity, now.air.drag, points.v, points.external)
-        self.curvature.push(points)
+        if self.solver.name != "xpbd":  # which knows what is bent
+            self.curvature.push(points)
         self.sails.blow(time, now.air, points)
         pushed = [any(now.pushes[key].force) for key, _ in self._pushes]
         for (key, which), array, pushes in zip(self._pushes, self._pushed, pushed, strict=True):

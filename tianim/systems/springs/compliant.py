@@ -1,0 +1,129 @@
+"""What one constraint of XPBD does to its points: springs, bending, hinges, walls (`xpbd.py`).
+
+    dlambda = (-k h^2 C - lambda - c h dC) / ((k h^2 + c h) sum_i w_i |grad_i C|^2 + 1)
+    x_i += w_i dlambda grad_i C
+
+C is what a constraint is off, dC by how much C has changed since the step began, k its stiffness and c its
+damper, w = 1 / m. This is equation 26 of Macklin, Mueller and Chentanez 2016 with alpha = 1 / (k h^2),
+multiplied by k h^2, so that a torn spring, k = c = 0, does nothing. As dC is a change of length or of
+angle, not grad C . dx, dampers leave what turns alone.
+
+    spring    C = |x_b - x_a| - l
+    bending   C = S x - r S x / |S x|, three numbers: a second difference S, its length r at rest
+    hinge     C = theta - theta_0
+    wall      x_i goes out of it, and back along it by as much as friction holds
+"""
+
+from tianim.lang import ti
+from tianim.systems.springs.contact import met_wall, wall_velocity
+from tianim.systems.springs.hinges import opening, turned_by
+
+
+@ti.func
+def at(x: ti.template(), i):
+    """A row of x."""
+    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
+
+
+@ti.func
+def move(x: ti.template(), i, by):
+    """Add to a row of x; `+=` on an array would be atomic."""
+    for c in ti.static(range(3)):
+        x[i, c] = x[i, c] + by[c]
+
+
+@ti.func
+def solve_spring(
+    h, first, ends: ti.template(), entry: ti.template(), row: ti.template(), inverse_mass: ti.template(),
+    start: ti.template(), x: ti.template(), multiplier: ti.template(), s,
+):  # fmt: skip
+    """One spring; `first` where its multiplier counts as 0."""
+    a, b, e = ends[s, 0], ends[s, 1], entry[s]
+    k, c = row[e, 0] * h * h, row[e, 2] * h
+    wa, wb = inverse_mass[a], inverse_mass[b]
+    d = at(x, b) - at(x, a)
+    length = d.norm()
+    off = -k * (length - row[e, 1])
+    if c > 0.0:
+        off -= c * (length - (at(start, b) - at(start, a)).norm())
+    before = ti.select(first == 1, 0.0, multiplier[s])
+    change = (off - before) / ((k + c) * (wa + wb) + 1.0)
+    multiplier[s] = before + change
+    d *= change / ti.max(length, 1e-30)
+    move(x, a, -wa * d)
+    move(x, b, wb * d)
+
+
+@ti.func
+def solve_bend(
+    h, first, corner: ti.template(), coefficient: ti.template(), strength: ti.template(),
+    inverse_mass: ti.template(), x: ti.template(), multiplier: ti.template(), m,
+):  # fmt: skip
+    """One second difference."""
+    S, give = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64)
+    for p in ti.static(range(4)):
+        i, s = corner[m, p], coefficient[m, p]
+        S += s * at(x, i)
+        give += s * s * inverse_mass[i]
+    k = strength[m, 0] * h * h
+    off = -k * (1.0 - strength[m, 1] / ti.max(S.norm(), 1e-30)) * S
+    before = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+    if first == 0:
+        before = at(multiplier, m)
+    change = (off - before) / (k * give + 1.0)
+    for c in ti.static(range(3)):
+        multiplier[m, c] = before[c] + change[c]
+    for p in ti.static(range(4)):
+        i, s = corner[m, p], coefficient[m, p]
+        move(x, i, s * inverse_mass[i] * change)
+
+
+@ti.func
+def solve_hinge(
+    h, first, points: ti.template(), given: ti.template(), inverse_mass: ti.template(), start: ti.template(),
+    x: ti.template(), multiplier: ti.template(), m,
+):  # fmt: skip
+    """One hinge."""
+    pa, pb, pc, pd = points[m, 0], points[m, 1], points[m, 2], points[m, 3]
+    theta, ga, gb, gc, gd = opening(at(x, pa), at(x, pb), at(x, pc), at(x, pd))
+    k, c = given[m, 0] * h * h, given[m, 2] * h
+    off = -k * turned_by(theta, given[m, 1])
+    if c > 0.0:
+        old, _a, _b, _c, _d = opening(at(start, pa), at(start, pb), at(start, pc), at(start, pd))
+        off -= c * turned_by(theta, old)
+    wa, wb, wc, wd = inverse_mass[pa], inverse_mass[pb], inverse_mass[pc], inverse_mass[pd]
+    give = wa * ga.norm_sqr() + wb * gb.norm_sqr() + wc * gc.norm_sqr() + wd * gd.norm_sqr()
+    before = ti.select(first == 1, 0.0, multiplier[m])
+    change = (off - before) / ((k + c) * give + 1.0)
+    multiplier[m] = before + change
+    move(x, pa, wa * change * ga)
+    move(x, pb, wb * change * gb)
+    move(x, pc, wc * change * gc)
+    move(x, pd, wd * change * gd)
+
+
+@ti.func
+def solve_wall(
+    h, first, thickness, table: ti.template(), samples: ti.template(), count, bounds: ti.template(),
+    friction: ti.template(), start: ti.template(), x: ti.template(), relief: ti.template(), i,
+):  # fmt: skip
+    """A point and the wall that it met on its way from `start`.
+
+    What it is pushed beyond its own approach, as it began in the wall, is `relief`: no velocity comes of it.
+    """
+    begin, end = ti.cast(at(start, i), ti.f32), ti.cast(at(x, i), ti.f32)
+    hit, which = met_wall(table, samples, count, bounds, thickness, ti.cast(h, ti.f32), begin, end)
+    extra = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+    if first == 0:
+        extra = at(relief, i)
+    if hit.w < thickness:
+        n = ti.cast(hit.xyz, ti.f64)
+        carried = h * ti.cast(wall_velocity(table, samples, count, which, end), ti.f64)
+        d = at(x, i) - at(start, i) - carried
+        came, out = ti.max(-d.dot(n), 0.0), ti.cast(thickness - hit.w, ti.f64)
+        along = d - d.dot(n) * n
+        held = ti.min(1.0, friction[which] * ti.min(came, out) / ti.max(along.norm(), 1e-30))
+        move(x, i, out * n - held * along)
+        extra += ti.max(out - came, 0.0) * n
+    for c in ti.static(range(3)):
+        relief[i, c] = extra[c]

@@ -1,0 +1,214 @@
+"""Many small steps, each one pass over all constraints in turn: XPBD, for contact and tears.
+
+    x = x_n + h v_n + h^2 a,    each constraint in turn: x += M^-1 grad C^T dlambda,    v = (x - x_n) / h
+
+Macklin, Mueller and Chentanez 2016 (doi:10.1145/2994258.2994272), with the stiffness and the damper that
+every spring has in N/m and N s/m (`compliant.py`), and small steps in place of iterations (Macklin et al.
+2019, doi:10.1145/3309486.3340247). Whatever the stiffness no step is too long, walls have the last word in
+each, and a spring that tears is left out from then on.
+
+**All of a step is one launch**: constraints are in colours (`colours.py`), and a crew of workers goes from
+one to the next.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
+from tianim.spatial.crew import MOST_TURNS, PIECE, Crew, Pace, meet, pieces, take
+from tianim.systems.springs.arrays import constant
+from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.colours import in_colours
+from tianim.systems.springs.compliant import at, move, solve_bend, solve_hinge, solve_spring, solve_wall
+from tianim.systems.springs.contact import Walls
+from tianim.systems.springs.params import LONGEST_XPBD
+from tianim.systems.springs.points import Points
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+# The passes of a step.
+PREDICT, SPRINGS, BENDS, HINGES, WALLS, FINISH = 0, 1, 2, 3, 4, 5
+CORNERS = 4  # points of a bending constraint at most
+
+
+@ti.kernel
+def substep(
+    touching: ti.template(), tears: ti.template(), tasks: ti.i32, stride: ti.i32, first_turn: ti.i32,
+    last_turn: ti.i32, h: ti.f64, crew: i32_1d, passes: i32_2d, ends: i32_2d, entry: i32_1d, row: f32_2d,
+    of_spring: f64_1d, corner: i32_2d, coefficient: f64_2d, strength: f64_2d, guard: i32_2d, of_bend: f64_2d,
+    hinge: i32_2d, given: f32_2d, of_hinge: f64_1d, thickness: ti.f32, table: f32_2d, samples: f32_1d,
+    count: ti.i32, bounds: f32_2d, friction: f32_1d, inverse_mass: f64_1d, external: f64_2d, start: f64_2d,
+    relief: f64_2d, x: f64_2d, v: f64_2d,
+):  # fmt: skip
+    """Passes `first_turn` to `last_turn` of a step of h [s]."""
+    for block in range(tasks * stride):
+        if block % stride == 0:
+            for turn in range(last_turn - first_turn):
+                now = first_turn + turn
+                kind, begin, end, first = passes[now, 0], passes[now, 1], passes[now, 2], passes[now, 3]
+                piece = take(crew, turn)
+                while piece < pieces(end - begin):
+                    for i in range(begin + piece * PIECE, ti.min(end, begin + (piece + 1) * PIECE)):
+                        if kind == SPRINGS:
+                            solve_spring(h, first, ends, entry, row, inverse_mass, start, x, of_spring, i)
+                        elif kind == BENDS:
+                            whole = 1
+                            if ti.static(tears):
+                                for g in range(guard.shape[1]):
+                                    if guard[i, g] >= 0 and row[guard[i, g], 0] == 0.0:
+                                        whole = 0
+                            if whole == 1:
+                                solve_bend(
+                                    h, first, corner, coefficient, strength, inverse_mass, x, of_bend, i
+                                )
+                        elif kind == HINGES:
+                            solve_hinge(h, first, hinge, given, inverse_mass, start, x, of_hinge, i)
+                        elif kind == WALLS:
+                            if ti.static(touching):
+                                if inverse_mass[i] > 0.0:
+                                    solve_wall(
+                                        h, first, thickness, table, samples, count, bounds, friction, start,
+                                        x, relief, i,
+                                    )  # fmt: skip
+                        elif kind == PREDICT:
+                            for c in ti.static(range(3)):
+                                start[i, c] = x[i, c]
+                            by = h * at(v, i)
+                            if inverse_mass[i] > 0.0:
+                                by += h * h * at(external, i)
+                            move(x, i, by)
+                        elif inverse_mass[i] > 0.0:
+                            for c in ti.static(range(3)):
+                                v[i, c] = (x[i, c] - start[i, c] - relief[i, c]) / h
+                    piece = take(crew, turn)
+                meet(crew, tasks)
+
+
+class XpbdSolver:
+    """The solver `xpbd`."""
+
+    name = "xpbd"
+    longest = LONGEST_XPBD
+
+    def __init__(
+        self, whole: Assembly, points: Points, walls: Walls, iterations: int, tears: bool
+    ) -> None:
+        self._points, self._walls = points, walls
+        n, springs = whole.count, whole.springs
+        by_colour, springs_at = in_colours(springs.ends, n)
+        self._ends = constant(springs.ends[by_colour])
+        self._entry = constant(points.entry[by_colour])
+        self._of_spring: Any = ti.ndarray(ti.f64, max(len(by_colour), 1))
+        corner, coefficient, strength = bends_of(whole)
+        by_colour, bends_at = in_colours(corner, n)
+        corner = corner[by_colour]
+        self._tears = tears and len(corner) > 0
+        self._corner = constant(corner)
+        self._coefficient, self._strength = _double(coefficient[by_colour]), _double(strength[by_colour])
+        guards = joining(corner, points, n) if self._tears else np.zeros((0, 1), np.int32)
+        self._guard = constant(guards)
+        self._of_bend: Any = ti.ndarray(ti.f64, (max(len(corner), 1), 3))
+        hinges = whole.hinges
+        by_colour, hinges_at = in_colours(hinges.points, n)
+        self._hinge = constant(hinges.points[by_colour])
+        given = np.stack([hinges.stiffness, hinges.angle, hinges.damping], axis=1)
+        self._given = constant(given[by_colour])
+        self._of_hinge: Any = ti.ndarray(ti.f64, max(len(by_colour), 1))
+        self._start, self._relief = (ti.ndarray(ti.f64, (points.capacity, 3)) for _ in range(2))
+        self._relief.fill(0.0)
+        colours = {BENDS: bends_at, HINGES: hinges_at, SPRINGS: springs_at}
+        if walls.any:
+            colours[WALLS] = np.array([0, n], np.int32)
+        turns = list(_turns(n, colours, iterations))
+        self._turns = len(turns)
+        self._passes = constant(np.array(turns))
+        self._crew, self._pace = Crew(n), Pace()
+
+    def hold(self, held: Any) -> None:
+        """Nothing to prepare."""
+
+    def forget(self) -> None:
+        """Nothing is remembered."""
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Nothing is remembered."""
+        return {}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Nothing is remembered."""
+
+    def step(self, time: float, dt: float) -> None:
+        """Go on by dt [s]."""
+        crew = self._crew
+        tasks = self._pace.begin(crew.tasks_for(self._points.count))
+        at_once = MOST_TURNS if crew.works else 1
+        for first in range(0, self._turns, at_once):
+            crew.begin()
+            self._go(tasks, first, min(first + at_once, self._turns), dt)
+        self._pace.end()
+
+    def _go(self, tasks: int, first: int, last: int, dt: float) -> None:
+        p, walls = self._points, self._walls
+        substep(
+            walls.any, self._tears, tasks, self._crew.stride, first, last, dt, self._crew.array,
+            self._passes, self._ends, self._entry, p.row, self._of_spring, self._corner, self._coefficient,
+            self._strength, self._guard, self._of_bend, self._hinge, self._given, self._of_hinge,
+            walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
+            walls.friction, p.inverse_mass, p.external, self._start, self._relief, p.x, p.v,
+        )  # fmt: skip
+
+
+def _turns(n: int, colours: Mapping[int, Ints], iterations: int) -> Iterator[tuple[int, int, int, int]]:
+    """The passes of a step: what is done, from which to which, and whether for the first time."""
+    yield PREDICT, 0, n, 1
+    for iteration in range(iterations):
+        for kind, starts in colours.items():
+            for begin, end in pairwise(starts.tolist()):
+                yield kind, begin, end, int(iteration == 0)
+    yield FINISH, 0, n, 1
+
+
+def bends_of(whole: Assembly) -> tuple[Ints, Floats, Floats]:
+    """Second differences of all pieces: points (m, 4), coefficients (m, 4), weight [N/m] and length (m, 2).
+
+    Where there are three points, the last stands twice, with the coefficient 0.
+    """
+    corners, coefficients, strengths = [np.zeros((0, CORNERS), np.int32)], [np.zeros((0, CORNERS))], []
+    strengths.append(np.zeros((0, 2)))
+    for name, piece in whole.pieces.items():
+        for points, S, weight in () if piece.bending is None else piece.bending.rows:
+            spare = ((0, 0), (0, CORNERS - points.shape[1]))
+            length = np.zeros(len(points))
+            if piece.curved is not None:
+                length = np.linalg.norm(np.einsum("mp,mpc->mc", S, piece.position[points]), axis=1)
+            corners.append(np.pad(points + whole.first[name], spare, mode="edge").astype(np.int32))
+            coefficients.append(np.pad(S, spare))
+            strengths.append(np.stack([weight, length], axis=1))
+    return np.concatenate(corners), np.concatenate(coefficients), np.concatenate(strengths)
+
+
+def joining(corner: Ints, points: Points, count: int) -> Ints:
+    """Where the springs between the points of each difference stand in the rows, (m, 6); -1 for none."""
+    start, neighbour = points.start.to_numpy(), points.neighbour.to_numpy()
+    code = np.repeat(np.arange(count, dtype=np.int64), np.diff(start)) * count + neighbour[: start[-1]]
+    stiff = points.row.to_numpy()[:, 0] > 0.0
+    found = []
+    for a in range(CORNERS):
+        for b in range(a):
+            wanted = corner[:, a].astype(np.int64) * count + corner[:, b]
+            entry = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
+            found.append(np.where((code[entry] == wanted) & stiff[entry], entry, -1))
+    return np.stack(found, axis=1).astype(np.int32)
+
+
+def _double(values: Floats) -> Any:
+    """An array of float64; one row where there is none."""
+    array = ti.ndarray(ti.f64, (max(len(values), 1), *values.shape[1:]))
+    if len(values):
+        array.from_numpy(np.ascontiguousarray(values))
+    return array

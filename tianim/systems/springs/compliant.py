@@ -6,9 +6,12 @@
 C is what a constraint is off, dC by how much C has changed since the step began, k its stiffness and c its
 damper, w = 1 / m. This is equation 26 of Macklin, Mueller and Chentanez 2016 with alpha = 1 / (k h^2),
 multiplied by k h^2, so that a torn spring, k = c = 0, does nothing. As dC is a change of length or of
-angle, not grad C . dx, dampers leave what turns alone.
+angle, not grad C . dx, dampers leave what turns alone. Springs in a line share points with the next and the
+one before only: their equations are a matrix of three diagonals, solved in one go (as Han and Harada 2013 do
+for strands, doi:10.2312/PE.vriphys.vriphys13.011-016). One by one they would pass a pull on from spring to
+spring, a step each.
 
-    spring    C = |x_b - x_a| - l
+    spring    C = |x_b - x_a| - l, all of a line at once
     bending   C = S x - r S x / |S x|, three numbers: a second difference S, its length r at rest
     hinge     C = theta - theta_0
     wall      x_i goes out of it, and back along it by as much as friction holds
@@ -17,6 +20,10 @@ angle, not grad C . dx, dampers leave what turns alone.
 from tianim.lang import ti
 from tianim.systems.springs.contact import met_wall, wall_velocity
 from tianim.systems.springs.hinges import opening, turned_by
+
+
+# Columns of `sweep` behind a spring's direction.
+UPPER, REST = 3, 4
 
 
 @ti.func
@@ -33,25 +40,51 @@ def move(x: ti.template(), i, by):
 
 
 @ti.func
-def solve_spring(
-    h, first, ends: ti.template(), entry: ti.template(), row: ti.template(), inverse_mass: ti.template(),
-    start: ti.template(), x: ti.template(), multiplier: ti.template(), s,
+def solve_line(
+    h, first, line: ti.template(), link: ti.template(), entry: ti.template(), row: ti.template(),
+    inverse_mass: ti.template(), start: ti.template(), x: ti.template(), multiplier: ti.template(),
+    sweep: ti.template(), m,
 ):  # fmt: skip
-    """One spring; `first` where its multiplier counts as 0."""
-    a, b, e = ends[s, 0], ends[s, 1], entry[s]
-    k, c = row[e, 0] * h * h, row[e, 2] * h
-    wa, wb = inverse_mass[a], inverse_mass[b]
-    d = at(x, b) - at(x, a)
-    length = d.norm()
-    off = -k * (length - row[e, 1])
-    if c > 0.0:
-        off -= c * (length - (at(start, b) - at(start, a)).norm())
-    before = ti.select(first == 1, 0.0, multiplier[s])
-    change = (off - before) / ((k + c) * (wa + wb) + 1.0)
-    multiplier[s] = before + change
-    d *= change / ti.max(length, 1e-30)
-    move(x, a, -wa * d)
-    move(x, b, wb * d)
+    """All springs of line m at once, by elimination from its first to its last; `first`: lambda counts as 0.
+
+    sweep  of each spring its direction n, then what row s has become: dlambda_s = rest - upper dlambda_s+1
+    """
+    begin, end = line[m], line[m + 1]
+    before = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+    rest, passed = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    for s in range(begin, end):
+        a, b, e = link[s, 0], link[s, 1], entry[s]
+        k, c = row[e, 0] * h * h, row[e, 2] * h
+        wa, wb = inverse_mass[a], inverse_mass[b]
+        n = at(x, b) - at(x, a)
+        length = n.norm()
+        n /= ti.max(length, 1e-30)
+        off = -k * (length - row[e, 1])
+        if c > 0.0:
+            off -= c * (length - (at(start, b) - at(start, a)).norm())
+        if first == 0:
+            off -= multiplier[s]
+        turn = before.dot(n)
+        upper = passed * turn  # of the spring before
+        if s > begin:
+            sweep[s - 1, UPPER] = upper
+        lower = -(k + c) * wa * turn
+        pivot = 1.0 / ((k + c) * (wa + wb) + 1.0 - lower * upper)
+        rest, passed, before = (off - lower * rest) * pivot, -(k + c) * wb * pivot, n
+        for d in ti.static(range(3)):
+            sweep[s, d] = n[d]
+        sweep[s, REST] = rest
+    change = ti.cast(0.0, ti.f64)
+    for back in range(end - begin):
+        s = end - 1 - back
+        if back == 0:
+            change = sweep[s, REST]
+        else:
+            change = sweep[s, REST] - sweep[s, UPPER] * change
+        multiplier[s] = ti.select(first == 1, 0.0, multiplier[s]) + change
+        by, a, b = change * at(sweep, s), link[s, 0], link[s, 1]
+        move(x, a, -inverse_mass[a] * by)
+        move(x, b, inverse_mass[b] * by)
 
 
 @ti.func

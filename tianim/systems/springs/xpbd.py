@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
-from tianim.spatial.crew import MOST_TURNS, PIECE, Crew, Pace, meet, pieces, take
+from tianim.spatial.crew import MOST_TURNS, PIECE, Crew, Pace, meet, take
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
-from tianim.systems.springs.colours import in_colours
-from tianim.systems.springs.compliant import at, move, solve_bend, solve_hinge, solve_spring, solve_wall
+from tianim.systems.springs.colours import in_colours, lines_of
+from tianim.systems.springs.compliant import REST, at, move, solve_bend, solve_hinge, solve_line, solve_wall
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.params import LONGEST_XPBD
 from tianim.systems.springs.points import Points
@@ -32,15 +32,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 # The passes of a step.
-PREDICT, SPRINGS, BENDS, HINGES, WALLS, FINISH = 0, 1, 2, 3, 4, 5
+PREDICT, LINES, BENDS, HINGES, WALLS, FINISH = 0, 1, 2, 3, 4, 5
 CORNERS = 4  # points of a bending constraint at most
 
 
 @ti.kernel
 def substep(
     touching: ti.template(), tears: ti.template(), tasks: ti.i32, stride: ti.i32, first_turn: ti.i32,
-    last_turn: ti.i32, h: ti.f64, crew: i32_1d, passes: i32_2d, ends: i32_2d, entry: i32_1d, row: f32_2d,
-    of_spring: f64_1d, corner: i32_2d, coefficient: f64_2d, strength: f64_2d, guard: i32_2d, of_bend: f64_2d,
+    last_turn: ti.i32, h: ti.f64, crew: i32_1d, passes: i32_2d, line: i32_1d, link: i32_2d, entry: i32_1d,
+    row: f32_2d, of_spring: f64_1d, sweep: f64_2d, corner: i32_2d, coefficient: f64_2d, strength: f64_2d, guard: i32_2d, of_bend: f64_2d,
     hinge: i32_2d, given: f32_2d, of_hinge: f64_1d, thickness: ti.f32, table: f32_2d, samples: f32_1d,
     count: ti.i32, bounds: f32_2d, friction: f32_1d, inverse_mass: f64_1d, external: f64_2d, start: f64_2d,
     relief: f64_2d, x: f64_2d, v: f64_2d,
@@ -50,12 +50,15 @@ def substep(
         if block % stride == 0:
             for turn in range(last_turn - first_turn):
                 now = first_turn + turn
-                kind, begin, end, first = passes[now, 0], passes[now, 1], passes[now, 2], passes[now, 3]
+                kind, begin, end = passes[now, 0], passes[now, 1], passes[now, 2]
+                first, each = passes[now, 3], passes[now, 4]
                 piece = take(crew, turn)
-                while piece < pieces(end - begin):
-                    for i in range(begin + piece * PIECE, ti.min(end, begin + (piece + 1) * PIECE)):
-                        if kind == SPRINGS:
-                            solve_spring(h, first, ends, entry, row, inverse_mass, start, x, of_spring, i)
+                while begin + piece * each < end:
+                    for i in range(begin + piece * each, ti.min(end, begin + (piece + 1) * each)):
+                        if kind == LINES:
+                            solve_line(
+                                h, first, line, link, entry, row, inverse_mass, start, x, of_spring, sweep, i
+                            )
                         elif kind == BENDS:
                             whole = 1
                             if ti.static(tears):
@@ -100,12 +103,17 @@ class XpbdSolver:
     ) -> None:
         self._points, self._walls = points, walls
         n, springs = whole.count, whole.springs
-        by_colour, springs_at = in_colours(springs.ends, n)
-        self._ends = constant(springs.ends[by_colour])
-        self._entry = constant(points.entry[by_colour])
-        self._of_spring: Any = ti.ndarray(ti.f64, max(len(by_colour), 1))
+        lines = lines_of(springs.ends, whole.position)
+        by_colour, lines_at = in_colours([points for _, points in lines], n)
+        lines = [lines[m] for m in by_colour]
+        self._line = constant(np.cumsum([0, *(len(own) for own, _ in lines)]))
+        self._link = constant([pair for _, points in lines for pair in pairwise(points)])
+        self._entry = constant([points.entry[s] for own, _ in lines for s in own])
+        room = max(len(springs.ends), 1)
+        self._of_spring: Any = ti.ndarray(ti.f64, room)
+        self._sweep: Any = ti.ndarray(ti.f64, (room, REST + 1))
         corner, coefficient, strength = bends_of(whole)
-        by_colour, bends_at = in_colours(corner, n)
+        by_colour, bends_at = in_colours(corner.tolist(), n)
         corner = corner[by_colour]
         self._tears = tears and len(corner) > 0
         self._corner = constant(corner)
@@ -114,17 +122,17 @@ class XpbdSolver:
         self._guard = constant(guards)
         self._of_bend: Any = ti.ndarray(ti.f64, (max(len(corner), 1), 3))
         hinges = whole.hinges
-        by_colour, hinges_at = in_colours(hinges.points, n)
+        by_colour, hinges_at = in_colours(hinges.points.tolist(), n)
         self._hinge = constant(hinges.points[by_colour])
         given = np.stack([hinges.stiffness, hinges.angle, hinges.damping], axis=1)
         self._given = constant(given[by_colour])
         self._of_hinge: Any = ti.ndarray(ti.f64, max(len(by_colour), 1))
         self._start, self._relief = (ti.ndarray(ti.f64, (points.capacity, 3)) for _ in range(2))
         self._relief.fill(0.0)
-        colours = {BENDS: bends_at, HINGES: hinges_at, SPRINGS: springs_at}
+        colours = {BENDS: bends_at, HINGES: hinges_at, LINES: lines_at}
         if walls.any:
             colours[WALLS] = np.array([0, n], np.int32)
-        turns = list(_turns(n, colours, iterations))
+        turns = list(_turns(n, colours, iterations, self._line.to_numpy()))
         self._turns = len(turns)
         self._passes = constant(np.array(turns))
         self._crew, self._pace = Crew(n), Pace()
@@ -156,21 +164,26 @@ class XpbdSolver:
         p, walls = self._points, self._walls
         substep(
             walls.any, self._tears, tasks, self._crew.stride, first, last, dt, self._crew.array,
-            self._passes, self._ends, self._entry, p.row, self._of_spring, self._corner, self._coefficient,
-            self._strength, self._guard, self._of_bend, self._hinge, self._given, self._of_hinge,
+            self._passes, self._line, self._link, self._entry, p.row, self._of_spring, self._sweep, self._corner,
+            self._coefficient, self._strength, self._guard, self._of_bend, self._hinge, self._given, self._of_hinge,
             walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
             walls.friction, p.inverse_mass, p.external, self._start, self._relief, p.x, p.v,
         )  # fmt: skip
 
 
-def _turns(n: int, colours: Mapping[int, Ints], iterations: int) -> Iterator[tuple[int, int, int, int]]:
-    """The passes of a step: what is done, from which to which, and whether for the first time."""
-    yield PREDICT, 0, n, 1
+def _turns(
+    n: int, colours: Mapping[int, Ints], iterations: int, line: Ints
+) -> Iterator[tuple[int, int, int, int, int]]:
+    """The passes of a step: what is done, from which to which, whether for the first time, how many a piece."""
+    yield PREDICT, 0, n, 1, PIECE
     for iteration in range(iterations):
         for kind, starts in colours.items():
             for begin, end in pairwise(starts.tolist()):
-                yield kind, begin, end, int(iteration == 0)
-    yield FINISH, 0, n, 1
+                each = PIECE
+                if kind == LINES:
+                    each = max(1, PIECE * (end - begin) // (line[end] - line[begin]))
+                yield kind, begin, end, int(iteration == 0), each
+    yield FINISH, 0, n, 1, PIECE
 
 
 def bends_of(whole: Assembly) -> tuple[Ints, Floats, Floats]:

@@ -232,7 +232,7 @@ class SpringsParams(SystemParams):
 
     def largest_step(self) -> float:
         """Largest step [s] as far as it is known without the springs."""
-        return self.time_step.largest or LONGEST_IMPLICIT
+        return self.time_step.largest or (LONGEST_XPBD if self.solver == "xpbd" else LONGEST_IMPLICIT)
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
         """Bodies that are named exist, bounds are not periodic; ValueError says which does not."""

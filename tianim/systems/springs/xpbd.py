@@ -25,7 +25,6 @@ from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.colours import in_colours, lines_of
 from tianim.systems.springs.compliant import REST, at, move, solve_bend, solve_hinge, solve_line, solve_wall
 from tianim.systems.springs.contact import Walls
-from tianim.systems.springs.params import LONGEST_XPBD
 from tianim.systems.springs.points import Points
 
 Floats = NDArray[np.float64]
@@ -96,7 +95,7 @@ class XpbdSolver:
     """The solver `xpbd`."""
 
     name = "xpbd"
-    longest = LONGEST_XPBD
+    longest = float("inf")
 
     def __init__(
         self, whole: Assembly, points: Points, walls: Walls, iterations: int, tears: bool

@@ -56,7 +56,7 @@ def in_colours(points: Sequence[Sequence[int]], count: int) -> tuple[Ints, Ints]
 
 
 def lines_of(ends: Ints, x: Floats) -> list[tuple[list[int], list[int]]]:
-    """Springs (s, 2) as lines: the numbers of each line's springs, and its points, one more, all different."""
+    """Springs (s, 2) as lines: of each its springs by number, and its points, one more, all different."""
     at: list[list[int]] = [[] for _ in range(len(x))]
     pairs = ends.tolist()
     for s, (a, b) in enumerate(pairs):

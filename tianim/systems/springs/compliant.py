@@ -21,7 +21,6 @@ from tianim.lang import ti
 from tianim.systems.springs.contact import met_wall, wall_velocity
 from tianim.systems.springs.hinges import opening, turned_by
 
-
 # Columns of `sweep` behind a spring's direction.
 UPPER, REST = 3, 4
 
@@ -77,10 +76,8 @@ def solve_line(
     change = ti.cast(0.0, ti.f64)
     for back in range(end - begin):
         s = end - 1 - back
-        if back == 0:
-            change = sweep[s, REST]
-        else:
-            change = sweep[s, REST] - sweep[s, UPPER] * change
+        next_one = ti.select(back > 0, sweep[s, UPPER] * change, 0.0)  # nothing follows the last
+        change = sweep[s, REST] - next_one
         multiplier[s] = ti.select(first == 1, 0.0, multiplier[s]) + change
         by, a, b = change * at(sweep, s), link[s, 0], link[s, 1]
         move(x, a, -inverse_mass[a] * by)
@@ -138,25 +135,27 @@ def solve_hinge(
 @ti.func
 def solve_wall(
     h, first, thickness, table: ti.template(), samples: ti.template(), count, bounds: ti.template(),
-    friction: ti.template(), start: ti.template(), x: ti.template(), relief: ti.template(), i,
+    friction: ti.template(), inverse_mass: ti.template(), start: ti.template(), x: ti.template(),
+    relief: ti.template(), i,
 ):  # fmt: skip
     """A point and the wall that it met on its way from `start`.
 
     What it is pushed beyond its own approach, as it began in the wall, is `relief`: no velocity comes of it.
     """
-    begin, end = ti.cast(at(start, i), ti.f32), ti.cast(at(x, i), ti.f32)
-    hit, which = met_wall(table, samples, count, bounds, thickness, ti.cast(h, ti.f32), begin, end)
-    extra = ti.Vector([0.0, 0.0, 0.0], ti.f64)
-    if first == 0:
-        extra = at(relief, i)
-    if hit.w < thickness:
-        n = ti.cast(hit.xyz, ti.f64)
-        carried = h * ti.cast(wall_velocity(table, samples, count, which, end), ti.f64)
-        d = at(x, i) - at(start, i) - carried
-        came, out = ti.max(-d.dot(n), 0.0), ti.cast(thickness - hit.w, ti.f64)
-        along = d - d.dot(n) * n
-        held = ti.min(1.0, friction[which] * ti.min(came, out) / ti.max(along.norm(), 1e-30))
-        move(x, i, out * n - held * along)
-        extra += ti.max(out - came, 0.0) * n
-    for c in ti.static(range(3)):
-        relief[i, c] = extra[c]
+    if inverse_mass[i] > 0.0:
+        begin, end = ti.cast(at(start, i), ti.f32), ti.cast(at(x, i), ti.f32)
+        hit, which = met_wall(table, samples, count, bounds, thickness, ti.cast(h, ti.f32), begin, end)
+        extra = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+        if first == 0:
+            extra = at(relief, i)
+        if hit.w < thickness:
+            n = ti.cast(hit.xyz, ti.f64)
+            carried = h * ti.cast(wall_velocity(table, samples, count, which, end), ti.f64)
+            d = at(x, i) - at(start, i) - carried
+            came, out = ti.max(-d.dot(n), 0.0), ti.cast(thickness - hit.w, ti.f64)
+            along = d - d.dot(n) * n
+            held = ti.min(1.0, friction[which] * ti.min(came, out) / ti.max(along.norm(), 1e-30))
+            move(x, i, out * n - held * along)
+            extra += ti.max(out - came, 0.0) * n
+        for c in ti.static(range(3)):
+            relief[i, c] = extra[c]

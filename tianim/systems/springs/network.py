@@ -153,7 +153,7 @@ def _moving(piece: Piece, x: Floats, mass: Floats) -> Floats:
 
 
 def _energy(count: int, rows: list[tuple[Ints, Floats, Floats]]) -> Bending:
-    """Q = S^T W S of `rows`: points (m, p), coefficients (m, p) or (p,), weights (m,) [N/m] of differences."""
+    """Q = S^T W S of `rows`: points (m, p), coefficients (m, p) or (p,), weights (m,) [N/m] of each."""
     total: Any = scipy.sparse.csr_matrix((count, count))
     for points, coefficients, weight in rows:
         m, p = points.shape

@@ -4,11 +4,26 @@
 
 Macklin, Mueller and Chentanez 2016 (doi:10.1145/2994258.2994272), with the stiffness and the damper that
 every spring has in N/m and N s/m (`compliant.py`), and small steps in place of iterations (Macklin et al.
-2019, doi:10.1145/3309486.3340247). Whatever the stiffness no step is too long, walls have the last word in
-each, and a spring that tears is left out from then on.
+2019, doi:10.1145/3309486.3340247). Walls have the last word in each step, and a spring that tears is left out
+from then on, and so is bending across it.
 
-**All of a step is one launch**: constraints are in colours (`colours.py`), and a crew of workers goes from
-one to the next.
+Springs are taken **line by line, each line solved as a whole** (`colours.py`). One by one, as is usual, a
+pull goes from spring to spring a step at a time, and what hangs is the softer the finer it is: a sheet of
+1 m, 0.2 kg/m2 and 1000 N/m sags 7.8, 28 and 106 times what it should (0.0981 %) at 32, 64 and 128 cells a
+side with steps of 1/1200 s. By lines it is 1.0010, 1.0017 and 1.0020 times, 0.9997, 1.0005 and 1.0008 at half
+the step.
+
+**All of a step is one launch**: lines are in colours, four for a sheet, and a crew of workers goes from one
+to the next.
+
+A step is 1/1200 s unless the scene says so, twenty in a frame of 60 a second: short beside what is seen, so
+that damping by the step itself, h omega^2 / 2 as that of implicit Euler, takes 0.4 1/s of a swing of 5 Hz.
+
+Limits: what no line runs along converges more slowly: a sheet of 32 cells between two corners sags by 0.0016
+m too much, its largest strain, at the pins, is 1.8 times the true one (1.1 at 1/4800 s). Bending goes
+difference by difference: right where 6 B h^2 / (m dx^2) is below 1, dx the cell and m the mass of a point,
+as of cloth; stiff strips need shorter steps. With steps above 1/300 s lines may buckle. Spin is lost by O(h).
+Solids are for explicit steps.
 """
 
 from collections.abc import Iterator, Mapping
@@ -39,10 +54,10 @@ CORNERS = 4  # points of a bending constraint at most
 def substep(
     touching: ti.template(), tears: ti.template(), tasks: ti.i32, stride: ti.i32, first_turn: ti.i32,
     last_turn: ti.i32, h: ti.f64, crew: i32_1d, passes: i32_2d, line: i32_1d, link: i32_2d, entry: i32_1d,
-    row: f32_2d, of_spring: f64_1d, sweep: f64_2d, corner: i32_2d, coefficient: f64_2d, strength: f64_2d, guard: i32_2d, of_bend: f64_2d,
-    hinge: i32_2d, given: f32_2d, of_hinge: f64_1d, thickness: ti.f32, table: f32_2d, samples: f32_1d,
-    count: ti.i32, bounds: f32_2d, friction: f32_1d, inverse_mass: f64_1d, external: f64_2d, start: f64_2d,
-    relief: f64_2d, x: f64_2d, v: f64_2d,
+    row: f32_2d, of_spring: f64_1d, sweep: f64_2d, corner: i32_2d, coefficient: f64_2d, strength: f64_2d,
+    guard: i32_2d, of_bend: f64_2d, hinge: i32_2d, given: f32_2d, of_hinge: f64_1d, thickness: ti.f32,
+    table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d, friction: f32_1d, inverse_mass: f64_1d,
+    external: f64_2d, start: f64_2d, relief: f64_2d, x: f64_2d, v: f64_2d,
 ):  # fmt: skip
     """Passes `first_turn` to `last_turn` of a step of h [s]."""
     for block in range(tasks * stride):
@@ -72,11 +87,10 @@ def substep(
                             solve_hinge(h, first, hinge, given, inverse_mass, start, x, of_hinge, i)
                         elif kind == WALLS:
                             if ti.static(touching):
-                                if inverse_mass[i] > 0.0:
-                                    solve_wall(
-                                        h, first, thickness, table, samples, count, bounds, friction, start,
-                                        x, relief, i,
-                                    )  # fmt: skip
+                                solve_wall(
+                                    h, first, thickness, table, samples, count, bounds, friction,
+                                    inverse_mass, start, x, relief, i,
+                                )  # fmt: skip
                         elif kind == PREDICT:
                             for c in ti.static(range(3)):
                                 start[i, c] = x[i, c]
@@ -97,17 +111,16 @@ class XpbdSolver:
     name = "xpbd"
     longest = float("inf")
 
-    def __init__(
-        self, whole: Assembly, points: Points, walls: Walls, iterations: int, tears: bool
-    ) -> None:
+    def __init__(self, whole: Assembly, points: Points, walls: Walls, iterations: int, tears: bool) -> None:
         self._points, self._walls = points, walls
         n, springs = whole.count, whole.springs
         lines = lines_of(springs.ends, whole.position)
-        by_colour, lines_at = in_colours([points for _, points in lines], n)
+        by_colour, lines_at = in_colours([along for _, along in lines], n)
         lines = [lines[m] for m in by_colour]
         self._line = constant(np.cumsum([0, *(len(own) for own, _ in lines)]))
-        self._link = constant([pair for _, points in lines for pair in pairwise(points)])
-        self._entry = constant([points.entry[s] for own, _ in lines for s in own])
+        pairs = [pair for _, along in lines for pair in pairwise(along)]
+        self._link = constant(np.array(pairs, np.int32).reshape(-1, 2))
+        self._entry = constant(points.entry[np.array([s for own, _ in lines for s in own], np.int64)])
         room = max(len(springs.ends), 1)
         self._of_spring: Any = ti.ndarray(ti.f64, room)
         self._sweep: Any = ti.ndarray(ti.f64, (room, REST + 1))
@@ -162,18 +175,18 @@ class XpbdSolver:
     def _go(self, tasks: int, first: int, last: int, dt: float) -> None:
         p, walls = self._points, self._walls
         substep(
-            walls.any, self._tears, tasks, self._crew.stride, first, last, dt, self._crew.array,
-            self._passes, self._line, self._link, self._entry, p.row, self._of_spring, self._sweep, self._corner,
-            self._coefficient, self._strength, self._guard, self._of_bend, self._hinge, self._given, self._of_hinge,
-            walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
-            walls.friction, p.inverse_mass, p.external, self._start, self._relief, p.x, p.v,
+            walls.any, self._tears, tasks, self._crew.stride, first, last, dt, self._crew.array, self._passes,
+            self._line, self._link, self._entry, p.row, self._of_spring, self._sweep, self._corner,
+            self._coefficient, self._strength, self._guard, self._of_bend, self._hinge, self._given,
+            self._of_hinge, walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count,
+            walls.bounds, walls.friction, p.inverse_mass, p.external, self._start, self._relief, p.x, p.v,
         )  # fmt: skip
 
 
 def _turns(
     n: int, colours: Mapping[int, Ints], iterations: int, line: Ints
 ) -> Iterator[tuple[int, int, int, int, int]]:
-    """The passes of a step: what is done, from which to which, whether for the first time, how many a piece."""
+    """The passes of a step: what, from which to which, whether for the first time, how many a piece."""
     yield PREDICT, 0, n, 1, PIECE
     for iteration in range(iterations):
         for kind, starts in colours.items():

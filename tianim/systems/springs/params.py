@@ -26,8 +26,8 @@ LONGEST_XPBD = 1.0 / 1200.0
 EXPLICIT_FROM = 1e-3
 # Bytes of a point, of a spring (both ways), and of the factor of a point.
 BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR = 260, 60, 700
-SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4, "xpbd": 2e-4}
-SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7, "xpbd": 2e-7}
+SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4, "xpbd": 4e-4}
+SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7, "xpbd": 2.5e-7}
 
 Integrator = Literal[
     "symplectic_euler", "velocity_verlet", "rk4", "forward_euler", "trapezoid", "constant_acceleration"

@@ -124,7 +124,7 @@ def assemble(params: SpringsParams) -> Assembly:
     bending = None
     if any(piece.bending is not None for piece in pieces.values()):
         blocks = [
-            scipy.sparse.csr_matrix((len(p.mass),) * 2) if p.bending is None else p.bending
+            scipy.sparse.csr_matrix((len(p.mass),) * 2) if p.bending is None else p.bending.matrix
             for p in pieces.values()
         ]
         bending = scipy.sparse.block_diag(blocks, format="csr")

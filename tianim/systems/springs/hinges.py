@@ -29,25 +29,36 @@ def _place(x: ti.template(), i):
     return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
 
 
+@ti.func
+def opening(xa, xb, xc, xd):
+    """Angle of a hinge and its slopes by the places of its points."""
+    edge = xb - xa
+    length = ti.max(edge.norm(), 1e-30)
+    e = edge / length
+    n1, n2 = edge.cross(xc - xa), (xd - xb).cross(edge)
+    theta = ti.atan2(n1.cross(n2).dot(e), n1.dot(n2))
+    u1, u2 = n1 / ti.max(n1.norm_sqr(), 1e-30), n2 / ti.max(n2.norm_sqr(), 1e-30)
+    ga = -(xc - xb).dot(e) * u1 - (xd - xb).dot(e) * u2
+    gb = -(xa - xc).dot(e) * u1 - (xa - xd).dot(e) * u2
+    return theta, ga, gb, -length * u1, -length * u2
+
+
+@ti.func
+def turned_by(angle, before):
+    """From one angle to another, the shorter way round."""
+    by = angle - before
+    return by - 2.0 * ti.math.pi * ti.floor(by / (2.0 * ti.math.pi) + 0.5)
+
+
 @ti.kernel
 def turn(count: ti.i32, points: i32_2d, given: f32_2d, inverse_mass: f64_1d, x: f64_2d, v: f64_2d, a: f64_2d):
     """Add to the accelerations what the hinges do, one after the other: they share points."""
     ti.loop_config(serialize=True)
     for h in range(count):
         pa, pb, pc, pd = points[h, 0], points[h, 1], points[h, 2], points[h, 3]
-        xa, xb, xc, xd = _place(x, pa), _place(x, pb), _place(x, pc), _place(x, pd)
-        edge = xb - xa
-        length = ti.max(edge.norm(), 1e-30)
-        e = edge / length
-        n1, n2 = edge.cross(xc - xa), (xd - xb).cross(edge)
-        theta = ti.atan2(n1.cross(n2).dot(e), n1.dot(n2))
-        u1, u2 = n1 / ti.max(n1.norm_sqr(), 1e-30), n2 / ti.max(n2.norm_sqr(), 1e-30)
-        ga = -(xc - xb).dot(e) * u1 - (xd - xb).dot(e) * u2
-        gb = -(xa - xc).dot(e) * u1 - (xa - xd).dot(e) * u2
-        gc, gd = -length * u1, -length * u2
+        theta, ga, gb, gc, gd = opening(_place(x, pa), _place(x, pb), _place(x, pc), _place(x, pd))
         rate = ga.dot(_place(v, pa)) + gb.dot(_place(v, pb)) + gc.dot(_place(v, pc)) + gd.dot(_place(v, pd))
-        off = theta - given[h, 1]
-        off -= 2.0 * ti.math.pi * ti.floor(off / (2.0 * ti.math.pi) + 0.5)
+        off = turned_by(theta, given[h, 1])
         torque = -given[h, 0] * off - given[h, 2] * rate
         for k in ti.static(range(3)):
             a[pa, k] += inverse_mass[pa] * torque * ga[k]

@@ -9,7 +9,8 @@ The first two are looked at after each step. They only ever weaken the springs, 
 matrix stays above them and need not be factored again. The limit goes through all springs in order, until
 it finds none beyond, SWEEPS times at most; velocities get what places got.
 
-Limits: bending across a tear remains; of a sheet, triangles with a torn edge are no longer shown.
+Limits: bending across a tear remains (not by the solver xpbd, but in the energy that is reported); of a
+sheet, triangles with a torn edge are no longer shown.
 """
 
 from typing import Any

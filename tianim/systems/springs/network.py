@@ -54,6 +54,17 @@ class Springs:
 
 
 @dataclass(frozen=True)
+class Bending:
+    """Q, sparse (n, n) [N/m], and the differences that it is made of.
+
+    rows  of each kind: points (m, p), coefficients (m, p), weights (m,) [N/m]
+    """
+
+    matrix: Any
+    rows: tuple[tuple[Ints, Floats, Floats], ...]
+
+
+@dataclass(frozen=True)
 class Curved:
     """Differences S x that are not zero at rest.
 
@@ -96,7 +107,7 @@ class Built:
     position   (n, 3) [m]
     velocity   (n, 3) [m/s]
     mass       (n,) [kg]
-    bending    Q, sparse (n, n) [N/m], None where nothing resists bending
+    bending    None where nothing resists it
     curved     what is bent at rest, of the differences that Q is made of
     triangles  (m, 3) of its surface, empty where it is lines
     open_to_air  whether its triangles are a sheet that the air meets on both sides
@@ -110,7 +121,7 @@ class Built:
     velocity: Floats
     mass: Floats
     springs: Springs
-    bending: Any = None
+    bending: Bending | None = None
     curved: Curved | None = None
     triangles: Ints = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     open_to_air: bool = False
@@ -141,15 +152,17 @@ def _moving(piece: Piece, x: Floats, mass: Floats) -> Floats:
     return np.asarray(np.cross(np.array(piece.spin), arm) + piece.velocity)
 
 
-def _energy(count: int, rows: list[tuple[Ints, Floats, Floats]]) -> Any:
-    """Q = S^T W S of `rows`: points (m, p), coefficients (m, p) and weights (m,) [N/m] of each difference."""
+def _energy(count: int, rows: list[tuple[Ints, Floats, Floats]]) -> Bending:
+    """Q = S^T W S of `rows`: points (m, p), coefficients (m, p) or (p,), weights (m,) [N/m] of each."""
     total: Any = scipy.sparse.csr_matrix((count, count))
     for points, coefficients, weight in rows:
         m, p = points.shape
         at = (np.repeat(np.arange(m), p), points.ravel())
         S = scipy.sparse.csr_matrix((np.broadcast_to(coefficients, (m, p)).ravel(), at), shape=(m, count))
         total = total + S.T @ scipy.sparse.diags(weight) @ S
-    return total
+    return Bending(
+        total, tuple((points, np.broadcast_to(s, points.shape), weight) for points, s, weight in rows)
+    )
 
 
 def _sheet(piece: Sheet) -> Built:

@@ -20,12 +20,14 @@ MOST_NAMES = 1000
 MOST_POINTS = 1 << 24
 # Longest step of the implicit solver [s]: two in a frame of 60 a second.
 LONGEST_IMPLICIT = 1.0 / 120.0
+# Longest step of the solver xpbd [s]: twenty in a frame of 60 a second.
+LONGEST_XPBD = 1.0 / 1200.0
 # Where explicit steps may be as long as this [s], they cost less than the implicit solver.
 EXPLICIT_FROM = 1e-3
 # Bytes of a point, of a spring (both ways), and of the factor of a point.
 BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR = 260, 60, 700
-SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4}
-SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7}
+SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4, "xpbd": 4e-4}
+SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7, "xpbd": 2.5e-7}
 
 Integrator = Literal[
     "symplectic_euler", "velocity_verlet", "rk4", "forward_euler", "trapezoid", "constant_acceleration"
@@ -164,12 +166,21 @@ class StrandsSolver(Params):
     iterations: Annotated[int, Field(ge=1, le=50)] = Field(2, description="of Newton's method in a step")
 
 
+class Xpbd(Params):
+    """Of the solver `xpbd`."""
+
+    iterations: Annotated[int, Field(ge=1, le=100)] = Field(
+        1, description="passes over all constraints in a step; shorter steps hold better than more passes"
+    )
+
+
 class TimeStep(Params):
     """How long a step may be."""
 
     largest: Positive | None = Field(
         None,
-        description="largest step [s]; left out: as long as is stable, and 1/120 s where that is for ever",
+        description="largest step [s]; left out: as long as is stable, and 1/120 s where that is for ever, "
+        "1/1200 s by xpbd",
     )
     most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         5000, description="steps that a frame may need; more stop the run and say why"
@@ -190,15 +201,17 @@ class SpringsParams(SystemParams):
     gravity: Animated[Vector3] = Field((0.0, -9.81, 0.0), description="acceleration of all points [m/s2]")
     air: Air = Field(Air(), description="wind and drag")
     contact: Contact = Field(Contact(), description="how bodies are touched")
-    solver: Literal["auto", "explicit", "projective", "strands"] = Field(
+    solver: Literal["auto", "explicit", "projective", "strands", "xpbd"] = Field(
         "auto",
         description="explicit: many short steps; projective: few long ones with a factor computed once; "
-        "strands: each rope or hair solved directly; auto: strands where all pieces are, else explicit where "
+        "strands: each rope or hair solved directly; xpbd: many small steps that go through all constraints "
+        "in turn, for contact and tears; auto: strands where all pieces are, else explicit where "
         "its steps may be a millisecond long, else projective",
     )
     explicit: Explicit = Field(Explicit(), description="of the solver explicit")
     projective: Projective = Field(Projective(), description="of the solver projective")
     strands: StrandsSolver = Field(StrandsSolver(), description="of the solver strands")
+    xpbd: Xpbd = Field(Xpbd(), description="of the solver xpbd")
     time_step: TimeStep = Field(TimeStep(), description="how long a step may be")
 
     def particle_count(self) -> int:
@@ -211,7 +224,7 @@ class SpringsParams(SystemParams):
 
     def memory_bytes(self) -> int:
         """State, rows of neighbours, and the factor."""
-        factor = 0 if self.solver in ("explicit", "strands") else BYTES_OF_FACTOR
+        factor = 0 if self.solver in ("explicit", "strands", "xpbd") else BYTES_OF_FACTOR
         count = self.particle_count()
         return (BYTES_PER_POINT + factor) * count + BYTES_PER_SPRING * self.spring_count() + (1 << 20)
 
@@ -222,7 +235,7 @@ class SpringsParams(SystemParams):
 
     def largest_step(self) -> float:
         """Largest step [s] as far as it is known without the springs."""
-        return self.time_step.largest or LONGEST_IMPLICIT
+        return self.time_step.largest or (LONGEST_XPBD if self.solver == "xpbd" else LONGEST_IMPLICIT)
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
         """Bodies that are named exist, bounds are not periodic; ValueError says which does not."""

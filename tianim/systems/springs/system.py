@@ -2,8 +2,8 @@
 
     m a = sum of springs + bending + gravity + air + what is pushed,    places held by pins
 
-What a piece is made into: `network.py`; the two ways to step: `explicit.py` and `projective.py`; what bodies
-do: `contact.py`.
+What a piece is made into: `network.py`; the ways to step: `explicit.py`, `projective.py`, `strands.py` and
+`xpbd.py`; what bodies do: `contact.py`.
 
 Limits: pieces pass through each other and through themselves unless `contact.self_collision` is on. It knows
 surfaces (`self_contact.py`), or, where the solver is `strands`, ropes and strands (`strand_contact.py`), not
@@ -35,6 +35,7 @@ from tianim.systems.springs.report import Report
 from tianim.systems.springs.self_contact import SelfContact
 from tianim.systems.springs.strand_contact import StrandContact
 from tianim.systems.springs.strands import StrandSolver
+from tianim.systems.springs.xpbd import XpbdSolver
 
 LOG = logging.getLogger("tianim")
 
@@ -81,7 +82,7 @@ class SpringSystem:
             return SelfContact(whole, points, walls, thickness, contact.friction, self.solver)
         return None
 
-    def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver:
+    def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver | XpbdSolver:
         """The solver that the scene names, or the one that suits; SceneError where it cannot."""
         params, whole, points = self.params, self.whole, self.points
         chosen: str = params.solver
@@ -89,6 +90,9 @@ class SpringSystem:
         if chosen == "strands" and not chains:
             raise SceneError("solver: strands is for ropes and strands alone, without stitches")
         needs = {"hinges": len(whole.hinges.points), "solids": whole.elements is not None}
+        if chosen == "xpbd" and not needs["solids"]:
+            tears = any(piece.tear_strain is not None for piece in params.pieces.values())
+            return XpbdSolver(whole, points, walls, params.xpbd.iterations, tears)
         if any(needs.values()):
             if chosen not in ("auto", "explicit"):
                 what = " and ".join(name for name, there in needs.items() if there)
@@ -141,7 +145,8 @@ class SpringSystem:
         points, now = self.points, self.params.at(time)
         points.weight = float(np.linalg.norm(now.gravity))
         set_external(self.count, *now.gravity, now.air.drag, points.v, points.external)
-        self.curvature.push(points)
+        if self.solver.name != "xpbd":  # which knows what is bent
+            self.curvature.push(points)
         self.sails.blow(time, now.air, points)
         pushed = [any(now.pushes[key].force) for key, _ in self._pushes]
         for (key, which), array, pushes in zip(self._pushes, self._pushed, pushed, strict=True):

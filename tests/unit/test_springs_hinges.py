@@ -10,7 +10,7 @@ from tianim.errors import SceneError
 from tianim.spatial.bodies import Bodies
 from tianim.system import Bounds, World
 from tianim.systems.springs import SpringsParams, SpringSystem
-from tianim.systems.springs.network import hinge_angles, hinge_gradients
+from tianim.systems.springs.hinges import hinge_angles, hinge_gradients
 
 # Central differences with steps of 1e-6 are good to 1e-9 of slopes of some 1 rad/m.
 SLOPE_ERROR = 1e-8

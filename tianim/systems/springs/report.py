@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.hinges import hinge_angles
 from tianim.systems.springs.limits import Limits
-from tianim.systems.springs.network import hinge_angles
 from tianim.systems.springs.params import SpringsParams
 from tianim.systems.springs.solids import elements_of, energies, stretches
 

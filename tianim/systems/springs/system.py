@@ -2,8 +2,8 @@
 
     m a = sum of springs + bending + gravity + air + what is pushed,    places held by pins
 
-What a piece is made into: `network.py`; the two ways to step: `explicit.py` and `projective.py`; what bodies
-do: `contact.py`.
+What a piece is made into: `built.py`, by whom: `pieces.py`; the ways to step: `explicit.py`, `projective.py`
+and `strands.py`; what bodies do: `contact.py`.
 
 Limits: pieces pass through each other and through themselves unless `contact.self_collision` is on, which
 knows surfaces alone (`self_contact.py`): ropes and strands have none.

@@ -161,6 +161,16 @@ class StrandsSolver(Params):
     iterations: Annotated[int, Field(ge=1, le=50)] = Field(2, description="of Newton's method in a step")
 
 
+class Measured(Params):
+    """What a frame's metrics hold beside energies, momenta, strains and contacts."""
+
+    self_intersections: bool = Field(
+        False,
+        description="edges of surfaces that cut triangles, counted by brute force: seconds a frame from "
+        "10,000 points on",
+    )
+
+
 class TimeStep(Params):
     """How long a step may be."""
 
@@ -197,6 +207,7 @@ class SpringsParams(SystemParams):
     projective: Projective = Field(Projective(), description="of the solver projective")
     strands: StrandsSolver = Field(StrandsSolver(), description="of the solver strands")
     time_step: TimeStep = Field(TimeStep(), description="how long a step may be")
+    report: Measured = Field(Measured(), description="what metrics hold beside the usual")
 
     def particle_count(self) -> int:
         """Points of all pieces."""

@@ -57,7 +57,7 @@ class SpringSystem:
             (key, self.whole.chosen(f"pushes.{key}", push)) for key, push in params.pushes.items()
         ]
         self._pushed = [constant(which) for _, which in self._pushes]
-        walls = Walls(params.contact, world.bodies, world.bounds)
+        self.walls = walls = Walls(params.contact, world.bodies, world.bounds)
         self.solver = self._chosen_solver(walls)
         self.curvature = Curvature(self.whole)
         contact = params.contact
@@ -183,9 +183,10 @@ class SpringSystem:
         return tuple(parts)
 
     def diagnostics(self) -> dict[str, float]:
-        """Energies, momenta, strains."""
+        """Energies, momenta, strains, contacts."""
         points = self.points
         found = self.report.measure(points.read(points.x), points.read(points.v), self._time)
+        found["contacts"] = float(self.walls.touching(points))
         return found if self.folds is None else {**found, **self.folds.diagnostics()}
 
     def check(self) -> None:

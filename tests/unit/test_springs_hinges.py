@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tianim.errors import SceneError
 from tianim.spatial.bodies import Bodies
 from tianim.system import Bounds, World
 from tianim.systems.springs import SpringsParams, SpringSystem
@@ -99,7 +98,7 @@ def test_left_out_the_angle_is_that_of_the_start() -> None:
 
 
 def test_hinges_need_explicit_steps() -> None:
-    with pytest.raises(SceneError, match="hinges need explicit steps, not projective"):
+    with pytest.raises(ValidationError, match="hinges need explicit steps, not projective"):
         folded("projective")
     assert folded("auto").solver.name == "explicit"
 

@@ -4,9 +4,10 @@ Rich is imported when something is drawn with it, so that the light commands sta
 """
 
 import errno
+import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 NAME = "tianim"
 # Columns of text of a table that goes to a file or a pipe.
 FILE_WIDTH = 160
+# Between columns of lines that are printed one by one, and how narrow these may become on a terminal.
+GAP, NARROWEST = "  ", 6
 
 
 def say(text: str) -> None:
@@ -142,19 +145,57 @@ class Bar:
             note("stopping after this frame; again to stop at once")
 
 
-@contextmanager
-def live_table(title: str, columns: Sequence[str]) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Give a function that adds a row to a table growing on standard output; it shows these columns."""
-    from rich.live import Live
+class Lines:
+    """A table on standard output whose rows are printed as they come, to a pipe too.
 
-    table = _table(title, columns)
-    with Live(console=_console()) as live:
+    `columns` are the names and the widest that each may be; they are narrower on a narrow terminal, and
+    cells go on below.
+    """
 
-        def add(row: Mapping[str, Any]) -> None:
-            _add(table, row, columns)
-            live.update(table)
+    def __init__(self, columns: Mapping[str, int]) -> None:
+        self._columns = {name: max(width, len(name)) for name, width in columns.items()}
+        self._begun = False
+        room = _console().width
+        while sum(self._columns.values()) + len(GAP) * (len(columns) - 1) > room:
+            widest = max(self._columns, key=lambda name: self._columns[name])
+            if self._columns[widest] <= NARROWEST:
+                break
+            self._columns[widest] -= 1
 
-        yield add
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Print a row; the names of the columns above the first."""
+        if not self._begun:
+            self._begun = True
+            self._print(list(self._columns))
+            say(GAP.join("-" * width for width in self._columns.values()))
+        self._print([cell(row.get(name)) for name in self._columns])
+
+    def _print(self, texts: Sequence[str]) -> None:
+        widths = self._columns.values()
+        parts = [textwrap.wrap(text, width) or [""] for text, width in zip(texts, widths, strict=True)]
+        for k in range(max(map(len, parts))):
+            line = [part[k] if k < len(part) else "" for part in parts]
+            say(GAP.join(f"{text:<{width}}" for text, width in zip(line, widths, strict=True)).rstrip())
+
+
+class Now:
+    """What is being done, on a line of a terminal's standard error; silent where that is no terminal."""
+
+    def __init__(self) -> None:
+        self._shown = False
+
+    def show(self, text: str) -> None:
+        """Say it in place of what was said before."""
+        if sys.stderr.isatty():
+            self._shown = True
+            room = shutil.get_terminal_size().columns - 1
+            typer.echo(f"\r{text[:room]}\x1b[K", err=True, nl=False)
+
+    def clear(self) -> None:
+        """Take it away, before something else is said."""
+        if self._shown:
+            self._shown = False
+            typer.echo("\r\x1b[K", err=True, nl=False)
 
 
 def show_table(title: str, table_rows: Sequence[Mapping[str, Any]], only_fitting: bool = False) -> None:
@@ -187,6 +228,8 @@ def cell(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {cell(item)}" for name, item in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(cell, value))
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -1,6 +1,8 @@
 """The commands beside `run`: what they print, where, and with which exit code."""
 
 import json
+import os
+import select
 import subprocess
 import sys
 import time
@@ -15,6 +17,7 @@ from tianim import __version__, info
 from tianim.cli.scenes import duration
 from tianim.errors import SceneError
 from tianim.scene import load_scene
+from tianim.terminal import Lines, Now
 
 COMMANDS = (
     "run", "list", "check", "schema", "export", "surface", "foam", "render", "view", "sweep", "bench",
@@ -241,7 +244,48 @@ def test_bench_and_validate_pass_on_what_is_asked(cli: Cli, monkeypatch: pytest.
     monkeypatch.setattr("tianim.validate.run", note, raising=False)
     assert cli("bench", "boids", "--n", "10000,1e6", "--peers", "peers", "--threads", 2).exit_code == 0
     assert cli("validate", "--slow", "--out", "plots").exit_code == 0
-    assert asked == [("boids", [10_000, 1_000_000], Path("peers"), 2), (None, True, Path("plots"))]
+    assert asked[0] == ("boids", [10_000, 1_000_000], Path("peers"), 2)
+    assert asked[1][:3] == (None, True, Path("plots"))
+
+
+def test_results_come_line_by_line_through_a_pipe(start: Start) -> None:
+    child = start("validate", "vicsek")
+    assert child.stdout is not None
+    pipe, text = child.stdout.fileno(), b""
+    while text.count(b"\n") < 3:
+        text += os.read(pipe, 4096)
+    names, rule, first = text.decode().splitlines()
+    assert names.split()[:2] == ["system", "check"]
+    assert set(rule) == {"-", " "}
+    assert first.startswith("vicsek")
+    assert select.select([pipe], [], [], 0.3) == ([], [], [])  # the next takes seconds
+
+
+@pytest.mark.parametrize("width", [60, 160])
+def test_lines_are_as_wide_as_the_terminal_at_most(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    monkeypatch.setattr("tianim.terminal.FILE_WIDTH", width)
+    table = Lines({"case": 12, "words": 100})
+    words = "one two three four five six seven eight nine ten eleven twelve thirteen fourteen"
+    table.add({"case": "short", "words": words})
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    assert " ".join(line[14:] for line in lines[2:]) == words
+    assert len(lines) == (3 if width == 160 else 4)
+
+
+def test_what_is_being_done_is_said_on_a_terminal_alone(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = Now()
+    now.show("1 of 2: pile")
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    now.show("2 of 2: heap")
+    now.clear()
+    now.clear()
+    assert capsys.readouterr().err == "\r2 of 2: heap\x1b[K\r\x1b[K"
 
 
 def test_an_unknown_case_is_a_line(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:

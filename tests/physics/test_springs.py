@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from tianim.validate import CASES, Case
 from tianim.validate.springs_laws import DAMPINGS, MASS, PULLED, STIFFNESS, damped_place, pendulum_period
 from tianim.validate.springs_scenes import crossings, explicit, network, pinned, places, run, springs
-from tianim.validate.springs_sheets import ELASTICA
+from tianim.validate.springs_strips import ELASTICA
 
 # What `tianim validate springs`, with --slow too, shows as failed: its error as `Case.error` has it, and why.
 # None may be WORSE times as far off.

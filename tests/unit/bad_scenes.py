@@ -22,6 +22,15 @@ systems:
     time_step: {most_substeps: 20}
     blocks: {pool: {kind: box, lower: [0, 0, 0], upper: [0.5, 0.5, 0.5], velocity: [30, 0, 0]}}
 """
+STIFF_CLOTH = """tianim: 1
+duration: 1
+systems:
+  cloth:
+    kind: springs
+    solver: explicit
+    time_step: {most_substeps: 20}
+    pieces: {cloth: {kind: sheet, segments: [40, 40]}}
+"""
 
 
 @dataclass(frozen=True)
@@ -265,6 +274,24 @@ KEYS = (
             "most_substeps, 20",
         ),
         FAST_WATER,
+    ),
+    BadScene(
+        "more substeps than springs may have",
+        (
+            r"systems\.cloth: a frame would need [\d,]+ substeps, of \S+ s \(the explicit solver\)",
+            r"more than time_step\.most_substeps, 20: softer springs.*solver: projective",
+        ),
+        STIFF_CLOTH,
+    ),
+    BadScene(
+        "springs that the solver cannot step",
+        (r"systems\.cloth: solver: strands is for ropes and strands alone",),
+        STIFF_CLOTH.replace("explicit", "strands"),
+    ),
+    BadScene(
+        "cells of a sheet that are too oblong",
+        (r"systems\.cloth: pieces\.cloth: cells of 0\.333 x 0\.025 m are too oblong",),
+        STIFF_CLOTH.replace("explicit", "projective").replace("[40, 40]", "[3, 40]"),
     ),
     BadScene(
         "system and body of one name",

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tianim.errors import SceneError
 from tianim.spatial.bodies import Bodies
 from tianim.system import Bounds, World
 from tianim.systems.springs import SpringsParams, SpringSystem
-from tianim.systems.springs.network import hinge_angles, hinge_gradients
+from tianim.systems.springs.hinges import hinge_angles, hinge_gradients
 
 # Central differences with steps of 1e-6 are good to 1e-9 of slopes of some 1 rad/m.
 SLOPE_ERROR = 1e-8
@@ -99,7 +98,7 @@ def test_left_out_the_angle_is_that_of_the_start() -> None:
 
 
 def test_hinges_need_explicit_steps() -> None:
-    with pytest.raises(SceneError, match="hinges need explicit steps, not projective"):
+    with pytest.raises(ValidationError, match="hinges need explicit steps, not projective"):
         folded("projective")
     assert folded("auto").solver.name == "explicit"
 

@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from tianim.lang import f64_1d, f64_2d, ti
 from tianim.systems.springs.closest import EDGE_EDGE, POINT_TRIANGLE, between, closest, meeting, reach
 from tianim.systems.springs.impact_zones import rigid, zones_of
+from tianim.systems.springs.intersections import intersections
 from tianim.systems.springs.self_gaps import row
 from tianim.systems.springs.self_kernels import NUMBERS, resolve
 from tianim.systems.springs.self_pairs import PIECES, Pairs
@@ -215,9 +216,15 @@ def test_what_touches_nothing_is_left_alone() -> None:
 def test_the_checker_sees_what_passes() -> None:
     x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [5, 5, 1]])
     triangles = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
-    assert springs_self.intersections(x, triangles) == 2
+    assert intersections(x, triangles) == 2
     x[3:5, :2] = 2.0
-    assert springs_self.intersections(x, triangles) == 0
+    assert intersections(x, triangles) == 0
+    # Aimed at a slope that it does not reach, within the box of it.
+    x[2] = 0.0, 1.0, 1.0
+    x[3:5] = (0.2, 0.6, 0.2), (0.2, 0.6, 0.4)
+    assert intersections(x, triangles) == 0
+    x[4, 2] = 0.8  # through it, and one of its sides through the other
+    assert intersections(x, triangles) == 2
 
 
 def test_what_is_left_is_resumed_and_counted() -> None:

@@ -7,7 +7,6 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from tianim.errors import SceneError
 from tianim.spatial.bodies import Bodies
 from tianim.system import Bounds, World
 from tianim.systems.springs import SpringsParams, SpringSystem
@@ -124,7 +123,7 @@ def test_what_is_turned_inside_out_comes_back() -> None:
 
 
 def test_solids_need_explicit_steps() -> None:
-    with pytest.raises(SceneError, match="solids need explicit steps, not projective"):
+    with pytest.raises(ValidationError, match="solids need explicit steps, not projective"):
         solid("projective")
     assert solid("auto").solver.name == "explicit"
 

@@ -96,6 +96,14 @@ def test_results_are_json_with_the_agreed_keys() -> None:
 
 
 @pytest.mark.usefixtures("sand")
+def test_each_case_is_named_before_it_runs() -> None:
+    begun: list[tuple[int, int, str]] = []
+    for number, _ in enumerate(run("sand", begins=lambda *which: begun.append(which)), 1):
+        assert len(begun) == number
+    assert begun == [(1, 3, "pile"), (2, 3, "slope"), (3, 3, "heap")]
+
+
+@pytest.mark.usefixtures("sand")
 def test_slow_cases_run_when_asked_for() -> None:
     assert [one["check"] for one in run("sand", slow=True)][-1] == "dune"
 

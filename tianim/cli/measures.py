@@ -1,28 +1,24 @@
 """`tianim bench`, `validate` and `info`: how fast, how right, and on what."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from tianim.cli.options import Json, Out, Threads, whole_numbers
-from tianim.terminal import live_table, rows, say
+from tianim.terminal import Lines, Now, rows, say
 
-# What the tables show of each line; `--json` gives all of it.
-BENCH_COLUMNS = (
-    "case",
-    "variant",
-    "engine",
-    "n",
-    "dim",
-    "ms_per_step",
-    "ns_per_item_step",
-    "ratio",
-    "error",
-    "split_ms",
-)
-VALIDATE_COLUMNS = ("system", "check", "expected", "measured", "error", "tolerance", "passed", "seconds")
+# What the tables show of each line, and the widest that columns are; `--json` gives all of it.
+BENCH_COLUMNS = {
+    "case": 12, "variant": 18, "engine": 8, "n": 9, "dim": 3, "ms_per_step": 11, "ns_per_item_step": 16,
+    "ratio": 18, "error": 9, "split_ms": 36,
+}  # fmt: skip
+VALIDATE_COLUMNS = {
+    "system": 8, "check": 72, "expected": 12, "measured": 10, "error": 10, "tolerance": 9, "passed": 6,
+    "seconds": 8,
+}  # fmt: skip
 
 
 def bench(
@@ -40,7 +36,7 @@ def bench(
     numbers = None if sizes is None else whole_numbers(sizes)
     from tianim import bench as cases
 
-    _judge("bench", cases.run(case, numbers, peers, threads), as_json, BENCH_COLUMNS)
+    _judge(cases.run(case, numbers, peers, threads), as_json, BENCH_COLUMNS)
 
 
 def validate(
@@ -57,7 +53,9 @@ def validate(
     """
     from tianim import validate as checks
 
-    _judge("validation", checks.run(system, slow, out), as_json, VALIDATE_COLUMNS)
+    now = Now()
+    results = checks.run(system, slow, out, lambda k, count, name: now.show(f"{k} of {count}: {name}"))
+    _judge(results, as_json, VALIDATE_COLUMNS, now)
 
 
 def info() -> None:
@@ -71,19 +69,19 @@ def info() -> None:
         rows(((name, str(value)) for name, value in pairs.items()), indent="  ")
 
 
-def _judge(title: str, results: Iterable[dict[str, Any]], as_json: bool, columns: Sequence[str]) -> None:
+def _judge(
+    results: Iterable[dict[str, Any]], as_json: bool, columns: Mapping[str, int], now: Now | None = None
+) -> None:
     """Show results as they come; exit code 1 where one did not pass."""
     passed = True
-    if as_json:
-        import json
-
-        for row in results:
+    table = Lines(columns)
+    for row in results:
+        if now is not None:
+            now.clear()
+        if as_json:
             say(json.dumps(row))
-            passed = passed and row.get("passed", True)
-    else:
-        with live_table(title, columns) as add:
-            for row in results:
-                add(row)
-                passed = passed and row.get("passed", True)
+        else:
+            table.add(row)
+        passed = passed and row.get("passed", True)
     if not passed:
         raise typer.Exit(1)

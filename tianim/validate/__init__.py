@@ -10,7 +10,7 @@ belong to it; each can be asked for by itself too.
 import difflib
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +30,18 @@ from tianim.validate import (
     gravity_galaxies,
     limits,
     murmuration,
+    springs_air,
+    springs_blocks,
     springs_contact,
+    springs_drape,
+    springs_integrators,
     springs_laws,
+    springs_limits,
+    springs_ropes,
     springs_self,
     springs_sheets,
     springs_solids,
+    springs_strips,
     steering,
     steering_laws,
     vicsek,
@@ -57,8 +64,15 @@ CASES: dict[str, tuple[Case, ...]] = {
     ),
     "gravity": (*gravity.CASES, *gravity_forces.CASES, *gravity_galaxies.CASES),
     "springs": (
+        *springs_integrators.CASES,
         *springs_laws.CASES,
+        *springs_air.CASES,
         *springs_sheets.CASES,
+        *springs_strips.CASES,
+        *springs_ropes.CASES,
+        *springs_blocks.CASES,
+        *springs_limits.CASES,
+        *springs_drape.CASES,
         *springs_contact.CASES,
         *springs_solids.CASES,
         *springs_self.CASES,
@@ -67,14 +81,18 @@ CASES: dict[str, tuple[Case, ...]] = {
 }
 
 Result = dict[str, Any]
+Begins = Callable[[int, int, str], object]
 
 
-def run(system: str | None = None, slow: bool = False, out: Path | None = None) -> Iterator[Result]:
+def run(
+    system: str | None = None, slow: bool = False, out: Path | None = None, begins: Begins | None = None
+) -> Iterator[Result]:
     """Results of the cases of `system` (all where None), one by one; `slow` runs the long ones too.
 
     A result has the keys system, check, expected, measured, error, tolerance, passed, source and
     seconds, plain JSON types all; measured is None where a run blew up. Plots are written into
-    `out` as soon as all points of a figure are there. SceneError for a system without cases.
+    `out` as soon as all points of a figure are there. `begins` is called before each case with its number
+    from 1 on, how many there are, and its title. SceneError for a system without cases.
     """
     if system is not None and system not in CASES:
         nearest = difflib.get_close_matches(system, CASES, n=1)
@@ -82,13 +100,15 @@ def run(system: str | None = None, slow: bool = False, out: Path | None = None) 
         raise SceneError(f"no checks for system {system!r}: {hint}")
     asked = CASES.values() if system is None else (CASES[system],)
     cases = tuple(dict.fromkeys(case for group in asked for case in group if slow or not case.slow))
-    return _results(cases, out)
+    return _results(cases, out, begins)
 
 
-def _results(cases: tuple[Case, ...], out: Path | None) -> Iterator[Result]:
+def _results(cases: tuple[Case, ...], out: Path | None, begins: Begins | None) -> Iterator[Result]:
     runtime.current()
     measured: dict[Case, float] = {}
     for k, case in enumerate(cases):
+        if begins is not None:
+            begins(k + 1, len(cases), case.title())
         started = time.perf_counter()
         try:
             measured[case] = float(case.run())

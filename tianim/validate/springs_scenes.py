@@ -30,11 +30,23 @@ def projective(scheme: str | None = None, **more: Any) -> dict[str, Any]:
 
 
 STRANDS = {"solver": "strands"}
+# At rest when nothing is faster than this [m/s].
+SLOW = 1e-5
 
 
 def implicit(solver: str) -> dict[str, Any]:
     """Fields that choose `strands`, or the implicit solver by its scheme."""
     return STRANDS if solver == "strands" else projective(solver)
+
+
+def fields_of(solver: str) -> dict[str, Any]:
+    """The fields that choose a solver by its integrator or its scheme."""
+    return projective(solver) if solver in SCHEMES else explicit(solver, safety=2.0)
+
+
+def calm(drag: float) -> dict[str, float]:
+    """No air but drag [1/s]."""
+    return {"density": 0.0, "drag": drag}
 
 
 def springs(
@@ -81,6 +93,17 @@ def run(
         advance(system, steps, length / steps, start + frame * length)
         if look is not None:
             look(start + (frame + 1) * length, system)
+    return system
+
+
+def settled(system: Any, most: float = 20.0) -> Any:
+    """The system, run until it rests, or for `most` seconds."""
+    time = 0.0
+    while time < most:
+        run(system, 0.5, start=time)
+        time += 0.5
+        if np.abs(speeds(system)).max() < SLOW:
+            break
     return system
 
 

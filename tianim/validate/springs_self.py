@@ -1,58 +1,20 @@
 """Self-contact: sheets that are twisted, folded and stacked, and a count of what passes through what.
 
-The count is by brute force and shares nothing with the search of the simulation: every edge against every
-triangle, by the signs of volumes, in float64 on the float32 places that frames hold.
+The count is that of `intersections.py`, by brute force.
 """
 
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tianim.systems.springs.intersections import Ints, intersections
 from tianim.validate.build import OPEN, built
 from tianim.validate.case import Case
-from tianim.validate.springs_scenes import DOWN, STILL, Floats, places, run
+from tianim.validate.springs_scenes import DOWN, STILL, places, run
 
-Ints = NDArray[np.int32]
-
-CHUNK = 256  # edges at a time
 FRAME = 1.0 / 30.0
 SOURCE = "edges that pass through triangles, counted by brute force on every frame"
-
-
-def intersections(x: Floats, triangles: Ints) -> int:
-    """How many pairs of an edge and a triangle that share no point pass through each other."""
-    x = x.astype(np.float32).astype(np.float64)
-    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    corners = x[triangles]
-    low, high = corners.min(axis=1).T, corners.max(axis=1).T
-    found = 0
-    for first in range(0, len(edges), CHUNK):
-        some = edges[first : first + CHUNK]
-        ends = x[some]
-        lower, upper = ends.min(axis=1).T[:, :, None], ends.max(axis=1).T[:, :, None]
-        near = (lower[0] <= high[0]) & (upper[0] >= low[0])
-        near &= (lower[1] <= high[1]) & (upper[1] >= low[1])
-        near &= (lower[2] <= high[2]) & (upper[2] >= low[2])
-        e, t = np.nonzero(near)
-        found += int(_passes(x, some[e], triangles[t]).sum())
-    return found
-
-
-def _passes(x: Floats, edge: Ints, triangle: Ints) -> NDArray[np.bool_]:
-    """Whether each edge passes through the inside of its triangle."""
-    shared = (edge[:, :, None] == triangle[:, None, :]).any(axis=(1, 2))
-    p, q = x[edge[:, 0]], x[edge[:, 1]]
-    a, b, c = x[triangle[:, 0]], x[triangle[:, 1]], x[triangle[:, 2]]
-
-    def volume(i: Floats, j: Floats, k: Floats, m: Floats) -> Floats:
-        return np.asarray(np.einsum("ij,ij->i", np.cross(j - i, k - i), m - i))
-
-    sides = volume(a, b, c, p) * volume(a, b, c, q)
-    u, v, w = volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)
-    inside = ((u > 0.0) & (v > 0.0) & (w > 0.0)) | ((u < 0.0) & (v < 0.0) & (w < 0.0))
-    return np.asarray((sides < 0.0) & inside & ~shared)
 
 
 def triangles_of(system: Any) -> Ints:

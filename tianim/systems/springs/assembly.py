@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from tianim.errors import SceneError
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_1d, ti
-from tianim.systems.springs.network import Built, Hinges, Springs, build_piece, hinge_gradients
+from tianim.systems.springs.built import Built, Hinges, Springs
+from tianim.systems.springs.hinges import hinge_gradients
 from tianim.systems.springs.params import Pick, SpringsParams
+from tianim.systems.springs.pieces import build_piece
 from tianim.systems.springs.solids import Elements, elements_of, largest_omega2
 
 Floats = NDArray[np.float64]

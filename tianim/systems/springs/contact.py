@@ -27,9 +27,12 @@ from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, ti
 from tianim.spatial.bodies import FAR, Bodies, distance_ahead, surface_velocity
 from tianim.system import Bounds
 from tianim.systems.springs.params import Contact
+from tianim.systems.springs.points import Points
 
 # Steps along a path; each goes at least this part of the thickness.
 MOST_TRACES, LEAST_TRACE = 64, 0.25
+# What is as near as this, in thicknesses, touches: contact leaves points at 1 but for rounding.
+TOUCHING = 1.01
 
 
 @ti.func
@@ -153,6 +156,22 @@ def bounce(
                     x[i, c] += (thickness - hit.w) * nrm[c]
 
 
+@ti.kernel
+def count_touching(
+    n: ti.i32, near: ti.f32, table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d,
+    inverse_mass: f64_1d, x: f64_2d,
+) -> ti.i32:  # fmt: skip
+    """Points that are no farther than `near` from a wall; what is held is not counted."""
+    found = 0
+    for i in range(n):
+        if inverse_mass[i] > 0.0:
+            at = ti.cast(ti.Vector([x[i, 0], x[i, 1], x[i, 2]]), ti.f32)
+            hit, _ = nearest_wall(table, samples, count, bounds, at, 0.0)
+            if hit.w <= near:
+                found += 1
+    return found
+
+
 class Walls:
     """What points touch: the bodies of the world, its bounds, and how.
 
@@ -176,3 +195,12 @@ class Walls:
         self.bounds: Any = ti.ndarray(ti.f32, (2, 3))
         self.bounds.from_numpy(corners)
         self.any = self.count > 0 or bounds.kind == "contained"
+
+    def touching(self, points: Points) -> int:
+        """How many points lie at the distance that is kept, or nearer."""
+        if not self.any:
+            return 0
+        return count_touching(
+            points.count, TOUCHING * self.thickness, self.bodies.table, self.bodies.samples, self.count,
+            self.bounds, points.inverse_mass, points.x,
+        )  # fmt: skip

@@ -14,14 +14,10 @@ angles.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_2d, ti
 from tianim.systems.springs.arrays import constant
-from tianim.systems.springs.network import Hinges
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
+from tianim.systems.springs.built import Floats, Hinges, Ints
 
 
 @ti.func
@@ -80,3 +76,35 @@ class HingeForces:
         """Add their accelerations to `a`."""
         if self.count:
             turn(self.count, self._points, self._given, inverse_mass, x, v, a)
+
+
+def hinge_angles(x: Floats, points: Ints) -> Floats:
+    """Angle of each hinge [rad], 0 where flat; `points` (h, 4): ends of the edge, corners beside it."""
+    a, b, c, d = (x[points[:, k]] for k in range(4))
+    n1, n2 = np.cross(b - a, c - a), np.cross(a - b, d - b)
+    e = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+    sine = np.einsum("ij,ij->i", np.cross(n1, n2), e)
+    return np.asarray(np.arctan2(sine, np.einsum("ij,ij->i", n1, n2)))
+
+
+def hinge_gradients(x: Floats, points: Ints) -> Floats:
+    """Slope of each angle by the places of its points, (h, 4, 3) [rad/m]."""
+    a, b, c, d = (x[points[:, k]] for k in range(4))
+    n1, n2 = np.cross(b - a, c - a), np.cross(a - b, d - b)
+    u1 = n1 / np.einsum("ij,ij->i", n1, n1)[:, None]
+    u2 = n2 / np.einsum("ij,ij->i", n2, n2)[:, None]
+    length = np.linalg.norm(b - a, axis=1)[:, None]
+    e = (b - a) / length
+
+    def along(p: Floats) -> Floats:
+        return np.asarray(np.einsum("ij,ij->i", p, e)[:, None])
+
+    return np.stack(
+        [
+            -along(c - b) * u1 - along(d - b) * u2,
+            -along(a - c) * u1 - along(a - d) * u2,
+            -length * u1,
+            -length * u2,
+        ],
+        axis=1,
+    )

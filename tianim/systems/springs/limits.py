@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
-from tianim.systems.springs.network import Springs
+from tianim.systems.springs.built import Springs
 from tianim.systems.springs.params import SpringsParams
 from tianim.systems.springs.points import Points
 

@@ -6,15 +6,19 @@ another resolution behaves the same.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
+from functools import cached_property
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
+from tianim.errors import SceneError
 from tianim.params import Animated, Fraction, Name, NonNegative, Params, Positive, Vector3
 from tianim.system import Bounds, SystemParams
-from tianim.systems.springs.piece_params import Index, PieceParams
+from tianim.systems.springs.first_step import longest_first_step
+from tianim.systems.springs.piece_params import Index, Network, PieceParams, Rope, Solid, Strands
 
 MOST_NAMES = 1000
 MOST_POINTS = 1 << 24
@@ -174,6 +178,16 @@ class Xpbd(Params):
     )
 
 
+class Measured(Params):
+    """What a frame's metrics hold beside energies, momenta, strains and contacts."""
+
+    self_intersections: bool = Field(
+        False,
+        description="edges of surfaces that cut triangles, counted by brute force: seconds a frame from "
+        "10,000 points on",
+    )
+
+
 class TimeStep(Params):
     """How long a step may be."""
 
@@ -185,6 +199,20 @@ class TimeStep(Params):
     most_substeps: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         5000, description="steps that a frame may need; more stop the run and say why"
     )
+
+    def asked(self, solver: str) -> float:
+        """Largest step [s] that is asked for, whatever is stable."""
+        return self.largest or (LONGEST_XPBD if solver == "xpbd" else LONGEST_IMPLICIT)
+
+
+def refuse_substeps(substeps: int, allowed: TimeStep, step: float, solver: str) -> None:
+    """ValueError where a frame needs more substeps than are `allowed`, of `step` [s] by `solver`."""
+    if substeps > allowed.most_substeps:
+        raise ValueError(
+            f"a frame would need {substeps:,} substeps, of {step:.3g} s (the {solver} solver), more than "
+            f"time_step.most_substeps, {allowed.most_substeps:,}: softer springs, heavier or fewer points, "
+            "solver: projective, or a larger most_substeps"
+        )
 
 
 class SpringsParams(SystemParams):
@@ -213,6 +241,7 @@ class SpringsParams(SystemParams):
     strands: StrandsSolver = Field(StrandsSolver(), description="of the solver strands")
     xpbd: Xpbd = Field(Xpbd(), description="of the solver xpbd")
     time_step: TimeStep = Field(TimeStep(), description="how long a step may be")
+    report: Measured = Field(Measured(), description="what metrics hold beside the usual")
 
     def particle_count(self) -> int:
         """Points of all pieces."""
@@ -224,18 +253,58 @@ class SpringsParams(SystemParams):
 
     def memory_bytes(self) -> int:
         """State, rows of neighbours, and the factor."""
-        factor = 0 if self.solver in ("explicit", "strands", "xpbd") else BYTES_OF_FACTOR
+        factor = BYTES_OF_FACTOR if self.chosen_solver() == "projective" else 0
         count = self.particle_count()
         return (BYTES_PER_POINT + factor) * count + BYTES_PER_SPRING * self.spring_count() + (1 << 20)
 
     def seconds_per_step(self) -> float:
         """From the benchmark's figures."""
-        solver = "projective" if self.solver == "auto" else self.solver
+        solver = self.chosen_solver()
         return SECONDS_PER_STEP[solver] + SECONDS_PER_POINT[solver] * self.particle_count()
 
     def largest_step(self) -> float:
-        """Largest step [s] as far as it is known without the springs."""
-        return self.time_step.largest or (LONGEST_XPBD if self.solver == "xpbd" else LONGEST_IMPLICIT)
+        """Largest step [s] at the start: as asked for, or as the explicit solver bears."""
+        explicit = self.chosen_solver() == "explicit"
+        return min(self.time_step.asked(self.chosen_solver()), self.explicit_step if explicit else math.inf)
+
+    def check_substeps(self, frame: float) -> None:
+        """ValueError where a frame of so many seconds needs more than `time_step.most_substeps`."""
+        step = self.largest_step()
+        substeps = math.ceil(frame / step * (1.0 - 1e-9))
+        refuse_substeps(substeps, self.time_step, step, self.chosen_solver())
+
+    def chosen_solver(self) -> str:
+        """The solver that steps: as given, or the one that suits."""
+        if self.solver != "auto":
+            return self.solver
+        if self.need_explicit():
+            return "explicit"
+        if self.are_chains():
+            return "strands"
+        return "explicit" if self.explicit_step >= EXPLICIT_FROM else "projective"
+
+    @property
+    def explicit_step(self) -> float:
+        """Longest step of the explicit solver [s]; infinity where it bears any, or cannot be known."""
+        try:
+            return self.explicit.safety * self._longest_first_step
+        except SceneError:
+            return math.inf  # the pieces cannot be built: `check_scene` says why
+
+    @cached_property
+    def _longest_first_step(self) -> float:
+        return longest_first_step(self)
+
+    def are_chains(self) -> bool:
+        """Whether the solver `strands` can step all there is."""
+        return not self.stitches and all(isinstance(piece, Rope | Strands) for piece in self.pieces.values())
+
+    def need_explicit(self) -> list[str]:
+        """What only the explicit solver can step."""
+        pieces = self.pieces.values()
+        hinges = any(isinstance(piece, Network) and piece.hinges for piece in pieces)
+        solids = any(isinstance(piece, Solid) for piece in pieces)
+        return [name for name, there in (("hinges", hinges), ("solids", solids)) if there]
 
     def check_scene(self, bounds: Bounds, body_names: Collection[str], system_names: Collection[str]) -> None:
         """Bodies that are named exist, bounds are not periodic; ValueError says which does not."""
@@ -246,6 +315,19 @@ class SpringsParams(SystemParams):
         for place, body in named:
             if body not in body_names:
                 raise ValueError(f"{place}: no body {body!r}; there are {', '.join(body_names) or 'none'}")
+        try:
+            _ = self._longest_first_step
+        except SceneError as error:
+            raise ValueError(str(error)) from None
+
+    @model_validator(mode="after")
+    def _solver_fits(self) -> Self:
+        if self.solver == "strands" and not self.are_chains():
+            raise ValueError("solver: strands is for ropes and strands alone, without stitches")
+        needs = [name for name in self.need_explicit() if (self.solver, name) != ("xpbd", "hinges")]
+        if self.solver not in ("auto", "explicit") and needs:
+            raise ValueError(f"solver: {' and '.join(needs)} need explicit steps, not {self.solver}")
+        return self
 
     @model_validator(mode="after")
     def _pieces_exist(self) -> Self:

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.hinges import hinge_angles
+from tianim.systems.springs.intersections import intersections
 from tianim.systems.springs.limits import Limits
-from tianim.systems.springs.network import hinge_angles
 from tianim.systems.springs.params import SpringsParams
+from tianim.systems.springs.self_contact import joined
 from tianim.systems.springs.solids import elements_of, energies, stretches
 
 Floats = NDArray[np.float64]
@@ -19,6 +21,8 @@ class Report:
 
     def __init__(self, whole: Assembly, params: SpringsParams, limits: Limits) -> None:
         self._whole, self._params, self._limits = whole, params, limits
+        self._counts_passes = params.report.self_intersections
+        self._same = joined(whole)[0] if self._counts_passes else None
         counts = [len(piece.springs.ends) for piece in whole.pieces.values()]
         ends = np.cumsum([0, *counts])
         self._spans = {
@@ -92,6 +96,14 @@ class Report:
                 energy += float(curved.weight @ (0.5 * curved.length**2 - curved.length * size))
         return energy
 
+    def self_intersections(self, x: Floats) -> int:
+        """Edges of all surfaces that cut triangles; what is torn has none."""
+        surfaces = [
+            piece.triangles[self.whole_triangles(name)] + self._whole.first[name]
+            for name, piece in self._whole.pieces.items()
+        ]
+        return intersections(x, np.concatenate(surfaces), self._same)
+
     def measure(self, x: Floats, v: Floats, time: float) -> dict[str, float]:
         """What a frame's metrics hold."""
         mass = self._whole.mass
@@ -113,5 +125,7 @@ class Report:
         found["strain_max"] = float(strain.max()) if len(strain) else 0.0
         if self._limits.weakens:
             found["torn"] = float((self._limits.springs().stiffness == 0.0).sum())
+        if self._counts_passes:
+            found["self_intersections"] = float(self.self_intersections(x))
         found["strain_mean"] = float(strain.mean()) if len(strain) else 0.0
         return found

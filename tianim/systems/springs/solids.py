@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tianim.lang import f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.systems.springs.arrays import constant
-from tianim.systems.springs.network import Tetrahedra
+from tianim.systems.springs.built import Tetrahedra
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]

@@ -2,8 +2,8 @@
 
     m a = sum of springs + bending + gravity + air + what is pushed,    places held by pins
 
-What a piece is made into: `network.py`; the ways to step: `explicit.py`, `projective.py`, `strands.py` and
-`xpbd.py`; what bodies do: `contact.py`.
+What a piece is made into: `built.py`, by whom: `pieces.py`; the ways to step: `explicit.py`, `projective.py`,
+`strands.py` and `xpbd.py`; what bodies do: `contact.py`.
 
 Limits: pieces pass through each other and through themselves unless `contact.self_collision` is on. It knows
 surfaces (`self_contact.py`), or, where the solver is `strands`, ropes and strands (`strand_contact.py`), not
@@ -25,9 +25,9 @@ from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import assemble
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.curvature import Curvature
-from tianim.systems.springs.explicit import ExplicitSolver, longest_step
+from tianim.systems.springs.explicit import ExplicitSolver
 from tianim.systems.springs.limits import Limits
-from tianim.systems.springs.params import EXPLICIT_FROM, SpringsParams
+from tianim.systems.springs.params import SpringsParams, refuse_substeps
 from tianim.systems.springs.pins import Pins
 from tianim.systems.springs.points import Points, push, set_external
 from tianim.systems.springs.projective import ProjectiveSolver
@@ -60,7 +60,7 @@ class SpringSystem:
             (key, self.whole.chosen(f"pushes.{key}", push)) for key, push in params.pushes.items()
         ]
         self._pushed = [constant(which) for _, which in self._pushes]
-        walls = Walls(params.contact, world.bodies, world.bounds)
+        self.walls = walls = Walls(params.contact, world.bodies, world.bounds)
         self.solver = self._chosen_solver(walls)
         self.curvature = Curvature(self.whole)
         self.folds = self._chosen_contact(walls)
@@ -83,28 +83,17 @@ class SpringSystem:
         return None
 
     def _chosen_solver(self, walls: Walls) -> ExplicitSolver | ProjectiveSolver | StrandSolver | XpbdSolver:
-        """The solver that the scene names, or the one that suits; SceneError where it cannot."""
+        """The solver that the scene names, or the one that suits."""
         params, whole, points = self.params, self.whole, self.points
-        chosen: str = params.solver
-        chains = not params.stitches and all(piece.chains for piece in whole.pieces.values())
-        if chosen == "strands" and not chains:
-            raise SceneError("solver: strands is for ropes and strands alone, without stitches")
-        needs = {"hinges": len(whole.hinges.points), "solids": whole.elements is not None}
-        if chosen == "xpbd" and not needs["solids"]:
-            tears = any(piece.tear_strain is not None for piece in params.pieces.values())
-            return XpbdSolver(whole, points, walls, params.xpbd.iterations, tears)
-        if any(needs.values()):
-            if chosen not in ("auto", "explicit"):
-                what = " and ".join(name for name, there in needs.items() if there)
-                raise SceneError(f"solver: {what} need explicit steps, not {chosen}")
-            chosen = "explicit"
-        if chosen == "auto":
-            step = params.explicit.safety * longest_step(whole)
-            chosen = "explicit" if step >= EXPLICIT_FROM else "projective"
-            chosen = "strands" if chains else chosen
+        chosen = params.chosen_solver()
+        if params.solver == "auto":
+            step = params.explicit_step
             LOG.info("%s: solver %s (explicit steps would be %.3g s)", self.name, chosen, step)
         if chosen == "strands":
             return StrandSolver(params, whole, points, walls)
+        if chosen == "xpbd":
+            tears = any(piece.tear_strain is not None for piece in params.pieces.values())
+            return XpbdSolver(whole, points, walls, params.xpbd.iterations, tears)
         if chosen == "projective":
             return ProjectiveSolver(
                 whole, points, walls, params.projective.scheme, params.projective.iterations
@@ -113,17 +102,14 @@ class SpringSystem:
 
     def max_step(self) -> float:
         """Largest step [s]: what is stable, or what is asked for."""
-        return min(self.solver.longest, self.params.largest_step())
+        return min(self.solver.longest, self.params.time_step.asked(self.solver.name))
 
     def check_substeps(self, substeps: int) -> None:
         """SceneError where a frame needs more steps than it may."""
-        allowed = self.params.time_step.most_substeps
-        if substeps > allowed:
-            raise SceneError(
-                f"{self.name}: a frame would need {substeps:,} substeps, of {self.max_step():.3g} s (the "
-                f"{self.solver.name} solver), more than time_step.most_substeps, {allowed:,}: softer "
-                "springs, heavier or fewer points, solver: projective, or a larger most_substeps"
-            )
+        try:
+            refuse_substeps(substeps, self.params.time_step, self.max_step(), self.solver.name)
+        except ValueError as error:
+            raise SceneError(f"{self.name}: {error}") from None
 
     def step(self, time: float, dt: float) -> None:
         """Go on from `time` [s] by `dt` [s]."""
@@ -196,9 +182,10 @@ class SpringSystem:
         return tuple(parts)
 
     def diagnostics(self) -> dict[str, float]:
-        """Energies, momenta, strains."""
+        """Energies, momenta, strains, contacts."""
         points = self.points
         found = self.report.measure(points.read(points.x), points.read(points.v), self._time)
+        found["contacts"] = float(self.walls.touching(points))
         return found if self.folds is None else {**found, **self.folds.diagnostics()}
 
     def check(self) -> None:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from tianim.errors import SceneError
 from tianim.systems.springs.colours import in_colours, lines_of
 from tianim.systems.springs.xpbd import bends_of
 from tianim.validate.springs_scenes import (
@@ -301,5 +301,5 @@ def test_bytes_do_not_depend_on_the_number_of_threads() -> None:
 
 
 def test_solids_are_refused() -> None:
-    with pytest.raises(SceneError, match="solids need explicit steps, not xpbd"):
+    with pytest.raises(ValidationError, match="solids need explicit steps, not xpbd"):
         xpbd({"kind": "solid"})

@@ -46,7 +46,7 @@ class Pick(Params):
         None,
         description="left, right, bottom, top and corners as left_top (sheets), left to front (blocks), "
         "border (meshes), first, last, ends (ropes), roots, tips (strands), all; or numbers of points",
-        examples=["left"],
+        examples=["left_top"],
     )
     lower: Vector3 | None = Field(None, description="corner of a box instead [m]")
     upper: Vector3 | None = Field(None, description="its opposite corner [m]")
@@ -87,10 +87,12 @@ class Push(Pick):
 class Stitch(Params):
     """Points of two pieces joined one to one, by springs of no length."""
 
-    first: Pick = Field(description="points of one piece", examples=[{"piece": "cloth", "points": "right"}])
+    first: Pick = Field(
+        description="points of one piece", examples=[{"piece": "cloth", "points": "right_bottom"}]
+    )
     second: Pick = Field(
         description="as many points of another, in the same order",
-        examples=[{"piece": "cloth", "points": "left"}],
+        examples=[{"piece": "cloth", "points": "left_bottom"}],
     )
     stiffness: Positive = Field(1e4, description="of each joint [N/m]")
     damping: NonNegative = Field(0.0, description="of each joint [N s/m]")

@@ -9,6 +9,7 @@ from tianim.errors import SceneError
 from tianim.spatial.bodies import Bodies
 from tianim.system import Bounds, World
 from tianim.systems.springs import SpringsParams, SpringSystem
+from tianim.systems.springs.assembly import BENDING
 
 SINGLE = 1e-6  # rest lengths are float32
 
@@ -156,3 +157,31 @@ def test_too_many_substeps_are_refused() -> None:
     ):
         one.check_substeps(6000)
     one.check_substeps(5000)
+
+
+@pytest.mark.parametrize("solver", ["explicit", "projective", "xpbd"])
+def test_bending_ends_where_a_sheet_is_torn(solver: str) -> None:
+    """A strip that is pulled in two: its halves, turned against each other, do not bend."""
+    piece = {
+        "kind": "sheet", "size": (1.0, 0.1), "segments": (10, 1), "stretch": 20.0, "shear": 2.0, "bend": 1e-3,
+        "tear_strain": 0.3,
+    }  # fmt: skip
+    one = system({"strip": piece}, solver=solver, gravity=(0.0, 0.0, 0.0), air={"density": 0.0})
+    x = one.read("position")
+    right = x[:, 0] > 0.55
+    assert 0 < right.sum() < len(x)
+    x[right, 0] += 0.1
+    one.write("position", x)
+    one.step(0.0, 1e-7)
+    assert one.diagnostics()["torn"] > 0
+    x[right] = (x[right] - [0.6, 0.0, 0.0]) @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert one.report.bending(x) == pytest.approx(0.0, abs=1e-12)
+    row, start, neighbour = (a.to_numpy() for a in (one.points.row, one.points.start, one.points.neighbour))
+    rows = np.repeat(np.arange(len(x)), np.diff(start))
+    across = right[rows] != right[neighbour[: len(rows)]]
+    assert across.any()
+    assert (row[: len(rows)][across, BENDING] == 0.0).all()
+    assert (row[: len(rows)][~across, BENDING] != 0.0).any()
+    other = system({"strip": piece}, solver=solver, gravity=(0.0, 0.0, 0.0), air={"density": 0.0})
+    other.restore(one.state())
+    assert other.report.bending(x) == pytest.approx(0.0, abs=1e-12)

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from tianim.systems.springs.bends import bends_of
 from tianim.systems.springs.colours import in_colours, lines_of
-from tianim.systems.springs.xpbd import bends_of
 from tianim.validate.springs_scenes import (
     DOWN,
     GRAVITY,

@@ -9,8 +9,9 @@ The first two are looked at after each step. They only ever weaken the springs, 
 matrix stays above them and need not be factored again. The limit goes through all springs in order, until
 it finds none beyond, SWEEPS times at most; velocities get what places got.
 
-Limits: bending across a tear remains (not by the solver xpbd, but in the energy that is reported); of a
-sheet, triangles with a torn edge are no longer shown.
+Bending across a tear ends with it (`bends.py`).
+
+Limits: of a sheet, triangles with a torn edge are no longer shown.
 """
 
 from typing import Any
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.bends import Bends
 from tianim.systems.springs.built import Springs
 from tianim.systems.springs.params import SpringsParams
 from tianim.systems.springs.points import Points
@@ -35,8 +37,9 @@ NEVER = 1e30
 def give_way(
     n: ti.i32, start: i32_1d, neighbour: i32_1d, of_spring: i32_1d, yields: f32_1d, tears: f32_1d, x: f64_2d,
     row: f32_2d,
-):  # fmt: skip
-    """Yield and tear: each of the two rows of a spring for itself, from the same numbers."""
+) -> ti.i32:  # fmt: skip
+    """Yield and tear: each of the two rows of a spring for itself, from the same numbers. How many tear."""
+    torn = 0
     for i in range(n):
         for e in range(start[i], start[i + 1]):
             s = of_spring[e]
@@ -47,8 +50,10 @@ def give_way(
                 strain = length / row[e, 1] - 1.0
                 if strain > tears[s]:
                     row[e, 0], row[e, 2] = 0.0, 0.0
+                    torn += 1
                 elif ti.abs(strain) > yields[s]:
                     row[e, 1] = length / (1.0 + ti.select(strain > 0.0, yields[s], -yields[s]))
+    return torn
 
 
 @ti.kernel
@@ -91,6 +96,9 @@ class Limits:
         yields, tears, limits = (self._of_springs(params, name) for name in NAMES)
         self.weakens = bool((yields < NEVER).any() or (tears < NEVER).any())
         self._held = np.flatnonzero(limits < NEVER) if holds else np.zeros(0, np.int64)
+        self._bends: Bends | None = None
+        if whole.bending is not None and (tears < NEVER).any():
+            self._bends = Bends(whole, points)
         entry, of_spring = points.entry, np.full(points.row.shape[0], -1, np.int32)
         if self.weakens:
             for ends in (entry, points.back_entry):
@@ -120,7 +128,15 @@ class Limits:
                 p.inverse_mass, p.x, p.v,
             )  # fmt: skip
         if self.weakens:
-            give_way(p.count, p.start, p.neighbour, self._of_spring, self._yields, self._tears, p.x, p.row)
+            torn = give_way(
+                p.count, p.start, p.neighbour, self._of_spring, self._yields, self._tears, p.x, p.row
+            )
+            if torn and self._bends is not None:
+                self._bends.part()
+
+    def bending(self) -> Any:
+        """The bending as it is now, Q (n, n) or None."""
+        return self._whole.bending if self._bends is None else self._bends.matrix
 
     def springs(self) -> Springs:
         """The springs as they are now."""
@@ -138,6 +154,8 @@ class Limits:
         """Take over what `state` gave."""
         if self.weakens:
             self._points.row.from_numpy(np.ascontiguousarray(state["row"], np.float32))
+            if self._bends is not None:
+                self._bends.part()
 
 
 NAMES = ("yield_strain", "tear_strain", "strain_limit")

@@ -86,7 +86,7 @@ class Report:
 
     def bending(self, x: Floats) -> float:
         """Energy of bending [J]."""
-        Q = self._whole.bending
+        Q = self._limits.bending()
         energy = 0.0 if Q is None else float(0.5 * np.einsum("ij,ij->", x, Q @ x))
         for name, piece in self._whole.pieces.items():
             if piece.curved is not None:

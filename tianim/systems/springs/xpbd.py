@@ -37,6 +37,7 @@ from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.spatial.crew import MOST_TURNS, PIECE, Crew, Pace, meet, take
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
+from tianim.systems.springs.bends import bends_of, joining
 from tianim.systems.springs.colours import in_colours, lines_of
 from tianim.systems.springs.compliant import REST, at, move, solve_bend, solve_hinge, solve_line, solve_wall
 from tianim.systems.springs.contact import Walls
@@ -47,7 +48,6 @@ Ints = NDArray[np.int32]
 
 # The passes of a step.
 PREDICT, LINES, BENDS, HINGES, WALLS, FINISH = 0, 1, 2, 3, 4, 5
-CORNERS = 4  # points of a bending constraint at most
 
 
 @ti.kernel
@@ -196,39 +196,6 @@ def _turns(
                     each = max(1, PIECE * (end - begin) // (line[end] - line[begin]))
                 yield kind, begin, end, int(iteration == 0), each
     yield FINISH, 0, n, 1, PIECE
-
-
-def bends_of(whole: Assembly) -> tuple[Ints, Floats, Floats]:
-    """Second differences of all pieces: points (m, 4), coefficients (m, 4), weight [N/m] and length (m, 2).
-
-    Where there are three points, the last stands twice, with the coefficient 0.
-    """
-    corners, coefficients, strengths = [np.zeros((0, CORNERS), np.int32)], [np.zeros((0, CORNERS))], []
-    strengths.append(np.zeros((0, 2)))
-    for name, piece in whole.pieces.items():
-        for points, S, weight in () if piece.bending is None else piece.bending.rows:
-            spare = ((0, 0), (0, CORNERS - points.shape[1]))
-            length = np.zeros(len(points))
-            if piece.curved is not None:
-                length = np.linalg.norm(np.einsum("mp,mpc->mc", S, piece.position[points]), axis=1)
-            corners.append(np.pad(points + whole.first[name], spare, mode="edge").astype(np.int32))
-            coefficients.append(np.pad(S, spare))
-            strengths.append(np.stack([weight, length], axis=1))
-    return np.concatenate(corners), np.concatenate(coefficients), np.concatenate(strengths)
-
-
-def joining(corner: Ints, points: Points, count: int) -> Ints:
-    """Where the springs between the points of each difference stand in the rows, (m, 6); -1 for none."""
-    start, neighbour = points.start.to_numpy(), points.neighbour.to_numpy()
-    code = np.repeat(np.arange(count, dtype=np.int64), np.diff(start)) * count + neighbour[: start[-1]]
-    stiff = points.row.to_numpy()[:, 0] > 0.0
-    found = []
-    for a in range(CORNERS):
-        for b in range(a):
-            wanted = corner[:, a].astype(np.int64) * count + corner[:, b]
-            entry = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
-            found.append(np.where((code[entry] == wanted) & stiff[entry], entry, -1))
-    return np.stack(found, axis=1).astype(np.int32)
 
 
 def _double(values: Floats) -> Any:

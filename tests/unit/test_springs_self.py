@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from tianim.systems.springs.intersections import intersections
 from tianim.systems.springs.self_gaps import row
 from tianim.systems.springs.self_kernels import NUMBERS, resolve
 from tianim.systems.springs.self_pairs import PIECES, Pairs
+from tianim.systems.springs.self_patches import PATCH, beside_of, joints, patched
 from tianim.validate import springs_self
 from tianim.validate.build import built
 from tianim.validate.springs_scenes import places, run, speeds
@@ -201,6 +203,78 @@ def test_the_tree_finds_every_near_pair() -> None:
                 wanted.add(key(EDGE_EDGE, *e.tolist(), *f.tolist()))
     assert len(wanted) > 100
     assert wanted <= set(keys)
+
+
+def test_nothing_that_folds_is_left_out_as_flat() -> None:
+    """A sheet folded up: all pairs nearer than a distance that have lost half of what they had at rest."""
+    n, far = 25, 0.05
+    u, w = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 0.3, 9), indexing="ij")
+    rest = np.stack([u.ravel(), w.ravel(), np.zeros(u.size)], axis=1)
+    panel = np.arange(n) // 3  # of three cells each, at 10 degrees to the next
+    step = np.deg2rad(np.where(panel[:-1] % 2, 85.0, -85.0))
+    along = np.stack([np.cos(step), np.sin(step)]) / (n - 1)
+    profile = np.concatenate([np.zeros((2, 1)), np.cumsum(along, axis=1)], axis=1)
+    x, z = (np.repeat(part, 9) for part in profile)
+    folded_up = np.stack([x, w.ravel(), z], axis=1)
+    corner = np.arange(u.size).reshape(u.shape)
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    triangles = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    same = np.arange(len(rest), dtype=np.int32)
+    pairs = Pairs(rest, triangles.astype(np.int32), same, np.zeros_like(same), 0.8 * far)
+    flat, folded = (ti.ndarray(ti.f64, rest.shape) for _ in range(2))
+    for array, places_of in ((flat, rest), (folded, folded_up)):
+        array.from_numpy(places_of)
+    pairs.find(flat, flat, 0.5 * far)
+    assert pairs.count.to_numpy()[:PIECES].sum() == 0
+    pairs.find(folded, folded, 0.5 * far)
+    used = np.arange(pairs.room) < pairs.count.to_numpy()[:PIECES, None]
+    keys = {key(*one) for one in pairs.pair.to_numpy()[used.ravel()].tolist()}
+    wanted = set()
+    for triangle in triangles:
+        others = same[~np.isin(same, triangle)]
+        four = np.stack([np.concatenate([[v], triangle]) for v in others])
+        now, then = distances(POINT_TRIANGLE, folded_up[four]), distances(POINT_TRIANGLE, rest[four])
+        wanted |= {
+            key(POINT_TRIANGLE, *one) for one in four[(now < far) & (now < 0.5 * then)].tolist()
+        }  # fmt: skip
+    assert len(wanted) > 100
+    assert wanted <= keys
+
+
+def test_patches_hang_together_and_hold_all() -> None:
+    rng = np.random.default_rng(10)
+    corner = np.arange(25 * 31).reshape(25, 31)
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    triangles = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    apart = np.concatenate([triangles, triangles + corner.size])[rng.permutation(2 * len(triangles))]
+    u, w = np.divmod(np.arange(corner.size), 31)
+    x = np.stack([u, w, 0.0 * u], axis=1).astype(float)
+    x = np.concatenate([x, x + np.array([0.0, 0.0, 0.1])])  # two sheets, near each other
+    order, first = patched(x[apart].mean(axis=1), apart)
+    assert sorted(order.tolist()) == list(range(len(apart)))
+    for begin, end in pairwise(first.tolist()):
+        patch = apart[order[begin:end]]
+        assert 1 <= len(patch) <= 4 * PATCH
+        assert (patch < corner.size).all() or (patch >= corner.size).all()
+        left, right, _ = joints(np.unique(patch, return_inverse=True)[1].reshape(-1, 3))
+        linked = {0}
+        for _ in range(len(patch)):
+            linked |= {j for i, j in zip(left, right, strict=True) if i in linked}
+            linked |= {i for i, j in zip(left, right, strict=True) if j in linked}
+        assert len(linked) == len(patch)
+
+
+def test_fans_that_meet_in_a_point_may_meet_elsewhere() -> None:
+    """Two triangles that share an edge are beside each other; that share one point of two fans, not."""
+    hinge = np.array([[0, 1, 2], [2, 1, 3]])
+    start, beside = beside_of(np.array([0, 1, 2], np.int32), hinge)
+    assert 1 in beside[start[0] : start[1]]
+    tie = np.array([[0, 1, 2], [0, 3, 4]])
+    start, beside = beside_of(np.array([0, 1, 2], np.int32), tie)
+    assert 1 not in beside[start[0] : start[1]]
+    turned_over = np.array([[0, 1, 2], [1, 2, 3]])  # both go along the edge the same way
+    start, beside = beside_of(np.array([0, 1, 2], np.int32), turned_over)
+    assert 1 not in beside[start[0] : start[1]]
 
 
 def test_what_touches_nothing_is_left_alone() -> None:

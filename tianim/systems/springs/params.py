@@ -28,10 +28,11 @@ LONGEST_IMPLICIT = 1.0 / 120.0
 LONGEST_XPBD = 1.0 / 1200.0
 # Where explicit steps may be as long as this [s], they cost less than the implicit solver.
 EXPLICIT_FROM = 1e-3
-# Bytes of a point, of a spring (both ways), and of the factor of a point.
-BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR = 260, 60, 700
+# Bytes of a point, of a spring (both ways), of the factor of a point, and of its contact with other surfaces.
+BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR, BYTES_OF_CONTACT = 260, 60, 700, 300
 SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4, "xpbd": 4e-4}
 SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7, "xpbd": 2.5e-7}
+SECONDS_OF_CONTACT = 5e-7
 
 Integrator = Literal[
     "symplectic_euler", "velocity_verlet", "rk4", "forward_euler", "trapezoid", "constant_acceleration"
@@ -257,12 +258,16 @@ class SpringsParams(SystemParams):
         """State, rows of neighbours, and the factor."""
         factor = BYTES_OF_FACTOR if self.chosen_solver() == "projective" else 0
         count = self.particle_count()
-        return (BYTES_PER_POINT + factor) * count + BYTES_PER_SPRING * self.spring_count() + (1 << 20)
+        contact = BYTES_OF_CONTACT if self.contact.self_collision else 0
+        return (
+            (BYTES_PER_POINT + factor + contact) * count + BYTES_PER_SPRING * self.spring_count() + (1 << 20)
+        )
 
     def seconds_per_step(self) -> float:
         """From the benchmark's figures."""
         solver = self.chosen_solver()
-        return SECONDS_PER_STEP[solver] + SECONDS_PER_POINT[solver] * self.particle_count()
+        each = SECONDS_PER_POINT[solver] + (SECONDS_OF_CONTACT if self.contact.self_collision else 0.0)
+        return SECONDS_PER_STEP[solver] + each * self.particle_count()
 
     def largest_step(self) -> float:
         """Largest step [s] at the start: as asked for, or as the explicit solver bears."""

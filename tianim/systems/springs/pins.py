@@ -48,6 +48,13 @@ class Pins:
                         f"({len(both)} points in both): leave one out"
                     )
 
+    def held_from_the_start(self) -> NDArray[np.bool_]:
+        """Which points are held at time 0, (n,)."""
+        found = np.zeros_like(self.held)
+        for name, pin in self._params.items():
+            found[self._which[name]] |= pin.holds(0.0)
+        return found
+
     def update(self, time: float, dt: float, points: Points) -> bool:
         """Lead what is held to where it is to be at `time + dt`; whether other points are held now."""
         now = {name: pin.holds(time) for name, pin in self._params.items()}

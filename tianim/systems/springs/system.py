@@ -23,6 +23,7 @@ from tianim.system import World
 from tianim.systems.springs.air import Sails
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import assemble
+from tianim.systems.springs.clearance import refuse_inside
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.curvature import Curvature
 from tianim.systems.springs.explicit import ExplicitSolver
@@ -56,6 +57,9 @@ class SpringSystem:
         self.count = self.whole.count
         self.points = Points(self.whole)
         self.pins = Pins(params, self.whole, world.bodies)
+        refuse_inside(
+            self.whole, self.pins.held_from_the_start(), world.bodies, world.bounds, params.contact.thickness
+        )
         self._pushes = [
             (key, self.whole.chosen(f"pushes.{key}", push)) for key, push in params.pushes.items()
         ]

@@ -314,7 +314,9 @@ class Network(Piece):
         min_length=1, max_length=MOST_SEGMENTS, description="places of the masses [m]",
         examples=[[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.5, -1.0, 0.0]]],
     )  # fmt: skip
-    mass: Positive | tuple[Positive, ...] = Field(1.0, description="of every point, or of each [kg]")
+    mass: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] = Field(
+        1.0, description="of every point, or of each [kg]"
+    )
     velocities: tuple[Vector3, ...] = Field((), description="of each point at the start [m/s]; left out: 0")
     springs: tuple[NetworkSpring, ...] = Field(
         (), max_length=100_000, description="between which points, and how stiff",

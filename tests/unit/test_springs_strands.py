@@ -128,7 +128,9 @@ print(hashlib.sha256(system.read("position").tobytes()).hexdigest())
 """
 
 
-@pytest.mark.parametrize("program", [PROGRAM, COILED], ids=["walls", "each other"])
+@pytest.mark.parametrize(
+    "program", [PROGRAM, pytest.param(COILED, marks=pytest.mark.slow)], ids=["walls", "each other"]
+)
 def test_bytes_do_not_depend_on_the_number_of_threads(program: str, request: pytest.FixtureRequest) -> None:
     found = {
         subprocess.run(

@@ -122,12 +122,11 @@ def oscillation(damping: float, step: float) -> tuple[float, float]:
 
 def test_a_spring_has_its_period_and_its_damping() -> None:
     """Steps of implicit Euler take h omega^2 / 2 more than the damper's c / 2 m, and nothing else."""
-    for damping in (0.0, 1.0):
-        for step in (STEP, 0.25 * STEP):
-            period, rate = oscillation(damping, step)
-            # Second order in h omega, and a part of the first beside the damper: 2 h c / m.
-            assert period == pytest.approx(1.0, abs=(10.0 * step) ** 2 + 2.0 * step * damping)
-            assert rate == pytest.approx(0.5 * damping + 50.0 * step, abs=0.02 * 50.0 * STEP)
+    for damping, step in ((0.0, STEP), (1.0, STEP), (1.0, 0.25 * STEP)):
+        period, rate = oscillation(damping, step)
+        # Second order in h omega, and a part of the first beside the damper: 2 h c / m.
+        assert period == pytest.approx(1.0, abs=(10.0 * step) ** 2 + 2.0 * step * damping)
+        assert rate == pytest.approx(0.5 * damping + 50.0 * step, abs=0.02 * 50.0 * STEP)
 
 
 def elongation(piece: Any, pins: Any, step: float | None = None, **fields: Any) -> float:
@@ -156,6 +155,7 @@ def test_a_hanging_sheet_converges() -> None:
         assert found / law == pytest.approx(1.0, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_a_draped_corner_converges() -> None:
     """Lowest point of a sheet between two corners: nearer to the converged one with each shorter step."""
     pins = pinned("left_top", "right_top")

@@ -29,7 +29,7 @@ LONGEST_XPBD = 1.0 / 1200.0
 # Where explicit steps may be as long as this [s], they cost less than the implicit solver.
 EXPLICIT_FROM = 1e-3
 # Bytes of a point, of a spring (both ways), of the factor of a point, and of its contact with other surfaces.
-BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR, BYTES_OF_CONTACT = 260, 60, 700, 300
+BYTES_PER_POINT, BYTES_PER_SPRING, BYTES_OF_FACTOR, BYTES_OF_CONTACT = 260, 180, 700, 300
 SECONDS_PER_STEP = {"explicit": 1.5e-4, "projective": 5e-4, "strands": 3e-4, "xpbd": 4e-4}
 SECONDS_PER_POINT = {"explicit": 6e-8, "projective": 2e-6, "strands": 5e-7, "xpbd": 2.5e-7}
 SECONDS_OF_CONTACT = 5e-7

@@ -10,6 +10,8 @@ rigid does not meet itself, and what stays where it began meets nothing, so that
 unless pins or bodies force points through.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy  # loads its parts when they are first used
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ Ints = NDArray[np.int32]
 
 # Points that are held count as so much heavier than the others of their zone.
 HELD = 1e6
+# Times that zones may grow, and then that what they hold stays where it began.
+MOST_ZONES, MOST_STOPS = 12, 50
 
 
 def zones_of(count: int, met: Ints) -> list[NDArray[np.int64]]:
@@ -41,3 +45,29 @@ def rigid(start: Floats, end: Floats, mass: Floats, held: NDArray[np.bool_]) -> 
     turn = np.linalg.pinv(inertia, rcond=1e-9, hermitian=True) @ spin
     moved = centre + shift + scipy.spatial.transform.Rotation.from_rotvec(turn).apply(r)
     return np.where(held[:, None], end, moved)
+
+
+def keep_apart(
+    start: Floats, wanted: Floats, mass: Floats, held: NDArray[np.bool_], meets: Callable[[Floats], Ints]
+) -> tuple[int, bool]:
+    """Change where points go from `start`, `wanted` (n, 3), until nothing meets on the way.
+
+    `meets` takes places, makes them those of the points, and gives the quadruples that meet, (m, 4). Returns
+    how many points the zones have, and whether nothing meets any more.
+    """
+    met = meets(wanted)
+    for k in range(MOST_ZONES + MOST_STOPS):
+        now = wanted.copy()
+        for zone in zones_of(len(start), met):
+            if k < MOST_ZONES:
+                now[zone] = rigid(start[zone], wanted[zone], mass[zone], held[zone])
+            else:
+                now[zone] = np.where(held[zone, None], wanted[zone], start[zone])
+        found = meets(now)
+        if len(found) == 0:
+            return len(np.unique(met)), True
+        more = np.unique(np.concatenate([met, found]), axis=0)
+        if k >= MOST_ZONES and len(more) == len(met):
+            break
+        met = more
+    return len(np.unique(met)), False

@@ -33,7 +33,7 @@ from tianim.lang import ti
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.explicit import copy
-from tianim.systems.springs.impact_zones import rigid, zones_of
+from tianim.systems.springs.impact_zones import Floats, keep_apart
 from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import (
     NUMBERS,
@@ -60,7 +60,7 @@ SLACK = 0.4
 SWEEPS, ENOUGH = 12, 4e-3
 # The same within each of the solver's iterations.
 SWEEPS_INSIDE = 3
-MOST_EXTRA, MOST_ROUNDS, MOST_ZONES, MOST_STOPS = 2, 10, 12, 50
+MOST_EXTRA, MOST_ROUNDS = 2, 10
 FIRST_CONTACTS = 4096
 
 
@@ -99,6 +99,7 @@ class SelfContact:
         self._make_room(FIRST_CONTACTS)
         self._room_before, self._b = 0, 1.0
         self.forget()
+        self._warned = False
         self.pushed = self.zones = 0
 
     def begin(self) -> None:
@@ -189,26 +190,18 @@ class SelfContact:
             self._fail_safe()
 
     def _fail_safe(self) -> None:
-        points, start = self._points, self._points.read(self._start)
+        points = self._points
         held = points.inverse_mass.to_numpy()[: points.count] == 0.0
-        wanted = points.read(points.x)
-        met, now = self._flagged(), wanted
-        for k in range(MOST_ZONES + MOST_STOPS):
-            now = wanted.copy()
-            for zone in zones_of(points.count, met):
-                if k < MOST_ZONES:
-                    now[zone] = rigid(start[zone], wanted[zone], self._mass[zone], held[zone])
-                else:
-                    now[zone] = np.where(held[zone, None], wanted[zone], start[zone])
-            self.zones = len(np.unique(met))
-            points.write(points.x, now)
-            if not self._detect():
-                return
-            more = np.unique(np.concatenate([met, self._flagged()]), axis=0)
-            if k >= MOST_ZONES and len(more) == len(met):
-                break
-            met = more
-        LOG.warning("self-contact: pins or bodies force surfaces through themselves")
+        start, wanted = points.read(self._start), points.read(points.x)
+        self.zones, apart = keep_apart(start, wanted, self._mass, held, self._meets)
+        if not apart and not self._warned:
+            LOG.warning("self-contact: pins or bodies force surfaces through themselves")
+            self._warned = True
+
+    def _meets(self, x: Floats) -> Ints:
+        """The points (m, 4) of the pairs that come too near on the way to `x`."""
+        self._points.write(self._points.x, x)
+        return self._flagged() if self._detect() else np.zeros((0, 4), np.int32)
 
     def _flagged(self) -> Ints:
         """The points (m, 4) of the pairs that `_detect` found."""

@@ -313,6 +313,21 @@ def test_what_is_left_is_resumed_and_counted() -> None:
     assert np.array_equal(places(one), places(other))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["xpbd", "explicit"])
+def test_other_solvers_keep_surfaces_apart_too(solver: str) -> None:
+    """Three sheets that fall on a box, on every frame; no fail-safe, and hardly a strain."""
+    one = springs_self.stacked(3, 8, 0.005, solver)
+    triangles, same = springs_self.triangles_of(one), np.arange(one.count)
+    for frame in range(15):
+        run(one, 1.0 / 30.0, start=frame / 30.0)
+        assert intersections(places(one), triangles, same) == 0
+    found = one.diagnostics()
+    assert found["self_contacts"] > 50
+    assert found["self_failsafe"] == 0
+    assert found["strain_max"] < 0.1
+
+
 PROGRAM = """
 import sys
 from tianim import runtime

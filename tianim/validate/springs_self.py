@@ -60,7 +60,7 @@ def draped(cells: int, thickness: float) -> Any:
     )  # fmt: skip
 
 
-def stacked(sheets: int, cells: int, thickness: float) -> Any:
+def stacked(sheets: int, cells: int, thickness: float, solver: str = "projective") -> Any:
     """Sheets one above the other, each turned a little by its cells, that fall on a small box."""
     bodies: dict[str, dict[str, Any]] = {
         "box": {"kind": "box", "size": (0.2, 0.2, 0.2), "position": (0.0, 0.1, 0.0)},
@@ -75,7 +75,7 @@ def stacked(sheets: int, cells: int, thickness: float) -> Any:
             (0.6, 0.6), (cells, cells), origin=tuple(map(float, corner)), u=u, v=v
         )
     return built(
-        "springs", OPEN, bodies=bodies, pieces=pieces, air=STILL, gravity=DOWN, solver="projective",
+        "springs", OPEN, bodies=bodies, pieces=pieces, air=STILL, gravity=DOWN, solver=solver,
         contact={"self_collision": True, "thickness": thickness},
     )  # fmt: skip
 

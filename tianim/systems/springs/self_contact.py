@@ -18,7 +18,7 @@ much, so that the forces stay and springs settle against contacts instead of bei
 bodies (`contact_forces.py`) the gain is what a point's neighbours add to its mass.
 
 Limits: what intersects at the start stays so. Pins and bodies move regardless: what they force through
-itself is reported. Contact between surfaces is not inside the solver's iterations, as that with bodies is.
+itself is reported. What is wrung tight needs more iterations than what lies in folds, or its springs stretch.
 """
 
 import logging

@@ -222,9 +222,10 @@ def test_friction_sticks_below_its_angle_and_slides_by_the_law_above() -> None:
     assert slide(30.0) == pytest.approx(law, rel=0.01)
 
 
-def test_what_starts_in_a_wall_comes_out_without_speed() -> None:
+def test_what_is_put_into_a_wall_comes_out_without_speed() -> None:
     floor = {"floor": {"kind": "plane"}}
-    one = xpbd(network([(0.0, -0.05, 0.0)]), floor, contact={"thickness": 0.002})
+    one = xpbd(network([(0.0, 0.05, 0.0)]), floor, contact={"thickness": 0.002})
+    one.write("position", np.array([[0.0, -0.05, 0.0]]))
     run(one, 0.1)
     assert places(one)[0, 1] == pytest.approx(0.002, abs=1e-6)
     np.testing.assert_allclose(speeds(one), 0.0, atol=1e-6)

@@ -106,6 +106,7 @@ def test_dampers_take_energy() -> None:
     assert power < 0.0
 
 
+@pytest.mark.slow
 def test_what_is_turned_inside_out_comes_back() -> None:
     one = solid(damping=0.01, density=100.0)
     rest = one.read("position")

@@ -291,6 +291,7 @@ print(hashlib.sha256(places(system).tobytes()).hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_number_of_threads() -> None:
     found = {
         subprocess.run(

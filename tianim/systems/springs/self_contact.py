@@ -21,7 +21,6 @@ Limits: what intersects at the start stays so. Pins and bodies move regardless: 
 itself is reported. What is wrung tight needs more iterations than what lies in folds, or its springs stretch.
 """
 
-import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -30,13 +29,12 @@ import scipy  # loads its parts when they are first used
 from numpy.typing import NDArray
 
 from tianim.lang import ti
+from tianim.systems.springs.apart import KeptApart
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.explicit import copy
-from tianim.systems.springs.impact_zones import Floats, keep_apart
 from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import (
-    NUMBERS,
     apply,
     detect,
     draw,
@@ -52,8 +50,6 @@ from tianim.systems.springs.self_kernels import (
 )
 from tianim.systems.springs.self_pairs import PIECES, Ints, Pairs
 
-LOG = logging.getLogger("tianim")
-
 # How far points may be pushed with one list, in thicknesses.
 SLACK = 0.4
 # Times that all contacts are gone through at most, until none moves by this part of the thickness.
@@ -64,27 +60,22 @@ MOST_EXTRA, MOST_ROUNDS = 2, 10
 FIRST_CONTACTS = 4096
 
 
-class SelfContact:
-    """What surfaces do to each other.
+class SelfContact(KeptApart):
+    """What surfaces do to each other."""
 
-    pushed    pairs in contact in the last step
-    zones     points of it that the fail-safe moved
-    """
+    what = "surfaces"
 
     def __init__(
         self, whole: Assembly, points: Points, walls: Walls, thickness: float, friction: float, solver: Any
     ) -> None:
-        self._points, self._walls, self._mass = points, walls, whole.mass
-        self._h, self._friction = thickness, friction
+        super().__init__(whole, points, thickness, FIRST_CONTACTS)
+        self._walls, self._friction = walls, friction
         triangles = [piece.triangles + whole.first[name] for name, piece in whole.pieces.items()]
         same, group = joined(whole)
         self._pairs = Pairs(
             whole.position, np.concatenate(triangles).astype(np.int32), same, group, thickness
         )
-        room = (points.capacity, 3)
-        self._start, self._solved, self._listed = (ti.ndarray(ti.f64, room) for _ in range(3))
         self._offset: Any = ti.ndarray(ti.i32, PIECES)
-        self._busy: Any = ti.ndarray(ti.i32, points.capacity)
         self._wall: Any = ti.ndarray(ti.f32, (points.capacity, 5))
         self._implicit = hasattr(solver, "touched")
         self._gain: Any = ti.ndarray(ti.f64, points.capacity)
@@ -95,16 +86,8 @@ class SelfContact:
         if self._implicit:
             solver.between = self
         self._touched: Any = solver.touched if self._implicit else ti.ndarray(ti.i32, points.capacity)
-        self._contacts = 0
-        self._make_room(FIRST_CONTACTS)
         self._room_before, self._b = 0, 1.0
         self.forget()
-        self._warned = False
-        self.pushed = self.zones = 0
-
-    def begin(self) -> None:
-        """Remember where the step begins."""
-        copy(self._points.count, self._points.x, self._start)
 
     def foresee(self, b: float, y: Any) -> bool:
         """Contacts between pairs that will be near, as far as the solver's first guess says; if any."""
@@ -189,20 +172,6 @@ class SelfContact:
         if self._detect():
             self._fail_safe()
 
-    def _fail_safe(self) -> None:
-        points = self._points
-        held = points.inverse_mass.to_numpy()[: points.count] == 0.0
-        start, wanted = points.read(self._start), points.read(points.x)
-        self.zones, apart = keep_apart(start, wanted, self._mass, held, self._meets)
-        if not apart and not self._warned:
-            LOG.warning("self-contact: pins or bodies force surfaces through themselves")
-            self._warned = True
-
-    def _meets(self, x: Floats) -> Ints:
-        """The points (m, 4) of the pairs that come too near on the way to `x`."""
-        self._points.write(self._points.x, x)
-        return self._flagged() if self._detect() else np.zeros((0, 4), np.int32)
-
     def _flagged(self) -> Ints:
         """The points (m, 4) of the pairs that `_detect` found."""
         pairs = self._pairs
@@ -259,20 +228,6 @@ class SelfContact:
             points.x, self._y if inside else points.x,
         )  # fmt: skip
 
-    def _reserve(self, contacts: int) -> None:
-        """Room for so many contacts; those that there are stay."""
-        if contacts > self._corner.shape[0]:
-            old = self._corner.to_numpy(), self._number.to_numpy()
-            self._make_room(2 * contacts)
-            for array, values in zip((self._corner, self._number), old, strict=True):
-                grown = np.zeros(array.shape, values.dtype)
-                grown[: len(values)] = values
-                array.from_numpy(grown)
-
-    def _make_room(self, contacts: int) -> None:
-        self._corner: Any = ti.ndarray(ti.i32, (contacts, 4))
-        self._number: Any = ti.ndarray(ti.f64, (contacts, NUMBERS))
-
     def state(self) -> dict[str, NDArray[Any]]:
         """What pushed in the last step."""
         some = slice(0, self._before)
@@ -299,10 +254,6 @@ class SelfContact:
         self._before, self._b = 0, 1.0
         self._reserve_before(1)
         self._head.fill(-1)
-
-    def diagnostics(self) -> Mapping[str, float]:
-        """Pairs and bodies' contacts in the last step, and points in the fail-safe."""
-        return {"self_contacts": float(self.pushed), "self_failsafe": float(self.zones)}
 
 
 def joined(whole: Assembly) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -214,6 +214,35 @@ def keep(contacts: ti.i32, corner: i32_2d, number: f64_2d, old_corner: i32_2d, o
             old_force[k, c] = number[k, FORCE + c]
 
 
+@ti.func
+def push_pair(
+    inside: ti.template(), k, corner: ti.template(), number: ti.template(), inverse_mass: ti.template(),
+    x: ti.template(), y: ti.template(),
+):  # fmt: skip
+    """Move the points of contact k as far as its force may, `inside` those of y too; by how much [m]."""
+    s, give, moved = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+    for c in ti.static(range(4)):
+        w, i = number[k, WEIGHT + c], corner[k, c]
+        s += w * row(x, i)
+        give += w * w * inverse_mass[i]
+    if give > 0.0:
+        n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
+        aim = ti.Vector([number[k, AIM], number[k, AIM + 1], number[k, AIM + 2]])
+        old = ti.Vector([number[k, FORCE], number[k, FORCE + 1], number[k, FORCE + 2]])
+        f = within_cone(old + (aim - s) / give, n, number[k, FRICTION])
+        df = f - old
+        moved = give * df.norm()
+        for c in ti.static(range(3)):
+            number[k, FORCE + c] = f[c]
+        for c in ti.static(range(4)):
+            w, i = number[k, WEIGHT + c], corner[k, c]
+            for d in ti.static(range(3)):
+                x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
+                if ti.static(inside):
+                    y[i, d] = y[i, d] + number[k, GAIN] * w * inverse_mass[i] * df[d]
+    return moved
+
+
 @ti.kernel
 def resolve(
     inside: ti.template(), sweeps: ti.i32, contacts: ti.i32, enough: ti.f64, corner: i32_2d, number: f64_2d,
@@ -230,26 +259,7 @@ def resolve(
             most = 0.0
             for step in range(contacts):
                 k = ti.select(sweep % 2 == 0, step, contacts - 1 - step)
-                s, give = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64)
-                for c in ti.static(range(4)):
-                    w, i = number[k, WEIGHT + c], corner[k, c]
-                    s += w * row(x, i)
-                    give += w * w * inverse_mass[i]
-                if give > 0.0:
-                    n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
-                    aim = ti.Vector([number[k, AIM], number[k, AIM + 1], number[k, AIM + 2]])
-                    old = ti.Vector([number[k, FORCE], number[k, FORCE + 1], number[k, FORCE + 2]])
-                    f = within_cone(old + (aim - s) / give, n, number[k, FRICTION])
-                    df = f - old
-                    most = ti.max(most, give * df.norm())
-                    for c in ti.static(range(3)):
-                        number[k, FORCE + c] = f[c]
-                    for c in ti.static(range(4)):
-                        w, i = number[k, WEIGHT + c], corner[k, c]
-                        for d in ti.static(range(3)):
-                            x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
-                            if ti.static(inside):
-                                y[i, d] = y[i, d] + number[k, GAIN] * w * inverse_mass[i] * df[d]
+                most = ti.max(most, push_pair(inside, k, corner, number, inverse_mass, x, y))
             sweep += 1
 
 

@@ -17,23 +17,20 @@ Pins and bodies move regardless: what they force through itself is reported. Str
 contacts after it keep the lengths that it found, as far as they have converged.
 """
 
-import logging
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from tianim.lang import ti
+from tianim.systems.springs.apart import KeptApart
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.explicit import copy
-from tianim.systems.springs.impact_zones import Floats, keep_apart
 from tianim.systems.springs.points import Points, entries_before
+from tianim.systems.springs.self_gaps import NEAR
+from tianim.systems.springs.self_kernels import farthest
 from tianim.systems.springs.strand_kernels import (
-    NEAR,
-    NUMBERS,
-    farthest,
     flag_meeting,
     flag_near,
     note_contacts,
@@ -43,8 +40,6 @@ from tianim.systems.springs.strand_kernels import (
     settle_moved,
 )
 from tianim.systems.springs.strand_pairs import PIECES, Ints, StrandPairs
-
-LOG = logging.getLogger("tianim")
 
 # How far points may be pushed with one list, in thicknesses: it has what comes as near as NEAR of them, what
 # would meet comes to a tenth, and each side may go half of the rest.
@@ -56,18 +51,16 @@ MOST_EXTRA, MOST_ROUNDS = 2, 10
 FIRST_CONTACTS = 1024
 
 
-class StrandContact:
-    """What strands do to each other.
+class StrandContact(KeptApart):
+    """What strands do to each other."""
 
-    pushed    contacts in the last step
-    zones     points of it that the fail-safe moved
-    """
+    what = "strands"
 
     def __init__(
         self, whole: Assembly, points: Points, walls: Walls, thickness: float, friction: float
     ) -> None:
-        self._points, self._walls, self._mass = points, walls, whole.mass
-        self._h, self._friction = thickness, friction
+        super().__init__(whole, points, thickness, FIRST_CONTACTS)
+        self._walls, self._friction = walls, friction
         chains, lengths = [], []
         for name, piece in whole.pieces.items():
             for chain in piece.chains:
@@ -75,21 +68,11 @@ class StrandContact:
                 ways = np.diff(piece.position[chain], axis=0)
                 lengths.append(float(np.linalg.norm(ways, axis=1).mean()))
         self._pairs = StrandPairs(chains, lengths, thickness)
-        room = (points.capacity, 3)
-        self._start, self._solved, self._listed = (ti.ndarray(ti.f64, room) for _ in range(3))
-        self._busy, self._taut = (ti.ndarray(ti.i32, points.capacity) for _ in range(2))
+        self._taut: Any = ti.ndarray(ti.i32, points.capacity)
         self._pull: Any = ti.ndarray(ti.f64, (points.capacity, 2))
         self._strands = len(chains)
         self._first = constant(np.array([*(chain[0] for chain in chains), whole.count]))
         self._back = constant(entries_before(points))
-        self._contacts = 0
-        self._make_room(FIRST_CONTACTS)
-        self._warned = False
-        self.pushed = self.zones = 0
-
-    def begin(self) -> None:
-        """Remember where the step begins."""
-        copy(self._points.count, self._points.x, self._start)
 
     def end(self, dt: float) -> None:
         """Change what the solver made of the step so that nothing meets."""
@@ -118,20 +101,6 @@ class StrandContact:
             self._resolve(min(1 + turn, MOST_EXTRA), dt)
         if self._detect():
             self._fail_safe()
-
-    def _fail_safe(self) -> None:
-        points = self._points
-        held = points.inverse_mass.to_numpy()[: points.count] == 0.0
-        start, wanted = points.read(self._start), points.read(points.x)
-        self.zones, apart = keep_apart(start, wanted, self._mass, held, self._meets)
-        if not apart and not self._warned:
-            LOG.warning("self-contact: pins or bodies force strands through each other")
-            self._warned = True
-
-    def _meets(self, x: Floats) -> Ints:
-        """The points (m, 4) of the pairs that come too near on the way to `x`."""
-        self._points.write(self._points.x, x)
-        return self._flagged() if self._detect() else np.zeros((0, 4), np.int32)
 
     def _flagged(self) -> Ints:
         """The points (m, 4) of the pairs that `_detect` found."""
@@ -188,23 +157,3 @@ class StrandContact:
             sweeps, self._contacts, segments, dt, ENOUGH * self._h, self._corner, self._number, self._taut,
             self._pull, self._back, points.row, points.inverse_mass, points.x,
         )  # fmt: skip
-
-    def _reserve(self, contacts: int) -> bool:
-        """Room for so many contacts; those that there are stay. Whether there was too little."""
-        if contacts <= self._corner.shape[0]:
-            return False
-        old = self._corner.to_numpy(), self._number.to_numpy()
-        self._make_room(2 * contacts)
-        for array, values in zip((self._corner, self._number), old, strict=True):
-            grown = np.zeros(array.shape, values.dtype)
-            grown[: len(values)] = values
-            array.from_numpy(grown)
-        return True
-
-    def _make_room(self, contacts: int) -> None:
-        self._corner: Any = ti.ndarray(ti.i32, (contacts, 4))
-        self._number: Any = ti.ndarray(ti.f64, (contacts, NUMBERS))
-
-    def diagnostics(self) -> Mapping[str, float]:
-        """Contacts in the last step, and points in the fail-safe."""
-        return {"self_contacts": float(self.pushed), "self_failsafe": float(self.zones)}

@@ -18,32 +18,14 @@ nothing depends on the number of threads; each keeps momentum.
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.systems.springs.closest import EDGE_EDGE, between, edge_edge, meeting, reach
 from tianim.systems.springs.contact import nearest_wall
-from tianim.systems.springs.contact_forces import within_cone
-from tianim.systems.springs.strand_pairs import PIECES, TURN, point
+from tianim.systems.springs.self_gaps import MARGIN, NEAR, least_gap, wanted
+from tianim.systems.springs.self_gaps import row as point
+from tianim.systems.springs.self_kernels import AIM, FORCE, FRICTION, NORMAL, WEIGHT, push_pair
+from tianim.systems.springs.self_pairs import NEVER
+from tianim.systems.springs.strand_pairs import PIECES, TURN
 
-# Columns of a contact's numbers.
-WEIGHT, NORMAL, AIM, FRICTION, FORCE, NUMBERS = 0, 4, 7, 10, 11, 14
-# Pairs nearer than this many thicknesses at the start of a step are kept apart by it, if the solver brings
-# them within MARGIN thicknesses of what they are to keep.
-NEAR, MARGIN = 1.25, 0.2
-# Part of what lacks to the thickness that is made up in a step.
-RECOVERED = 0.1
-# No pair comes nearer than this part of the thickness, or of its distance at the start of the step; what
-# would is kept KEPT of the thickness apart.
-LEAST, LEAST_OF_GAP, KEPT = 0.1, 0.8, 0.9
-NEVER = 2.0
-
-
-@ti.func
-def least_gap(gap, thickness):
-    """How near a pair may come that starts at `gap`."""
-    return ti.min(LEAST * thickness, LEAST_OF_GAP * gap)
-
-
-@ti.func
-def wanted(far, thickness):
-    """What a pair that starts at `far` is to have at the end."""
-    return ti.min(thickness, far + RECOVERED * ti.max(thickness - far, 0.0))
+# What would come nearer than it may is kept this part of the thickness apart.
+KEPT = 0.9
 
 
 @ti.kernel
@@ -217,32 +199,6 @@ def keep_length(k, b, taut: ti.template(), pull: ti.template(), back: ti.templat
     return moved
 
 
-@ti.func
-def keep_apart(
-    k, corner: ti.template(), number: ti.template(), inverse_mass: ti.template(), x: ti.template()
-):
-    """Move the points of a contact as far as its force may; by how much [m]."""
-    s, give, moved = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-    for c in ti.static(range(4)):
-        w, i = number[k, WEIGHT + c], corner[k, c]
-        s += w * point(x, i)
-        give += w * w * inverse_mass[i]
-    if give > 0.0:
-        n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
-        aim = ti.Vector([number[k, AIM], number[k, AIM + 1], number[k, AIM + 2]])
-        old = ti.Vector([number[k, FORCE], number[k, FORCE + 1], number[k, FORCE + 2]])
-        f = within_cone(old + (aim - s) / give, n, number[k, FRICTION])
-        df = f - old
-        moved = give * df.norm()
-        for c in ti.static(range(3)):
-            number[k, FORCE + c] = f[c]
-        for c in ti.static(range(4)):
-            w, i = number[k, WEIGHT + c], corner[k, c]
-            for d in ti.static(range(3)):
-                x[i, d] = x[i, d] + w * inverse_mass[i] * df[d]
-    return moved
-
-
 @ti.kernel
 def resolve(
     sweeps: ti.i32, contacts: ti.i32, segments: ti.i32, b: ti.f64, enough: ti.f64, corner: i32_2d,
@@ -259,18 +215,8 @@ def resolve(
                 most = ti.max(most, keep_length(k, b, taut, pull, back, row, inverse_mass, x))
             for step in range(contacts):
                 k = ti.select(sweep % 2 == 0, step, contacts - 1 - step)
-                most = ti.max(most, keep_apart(k, corner, number, inverse_mass, x))
+                most = ti.max(most, push_pair(False, k, corner, number, inverse_mass, x, x))
             sweep += 1
-
-
-@ti.kernel
-def farthest(n: ti.i32, a: f64_2d, b: f64_2d) -> ti.f64:
-    """Largest distance of a point's places in a and b."""
-    most = ti.cast(0.0, ti.f64)
-    ti.loop_config(serialize=True)
-    for i in range(n):
-        ti.atomic_max(most, (point(a, i) - point(b, i)).norm_sqr())
-    return ti.sqrt(most)
 
 
 @ti.kernel

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti, workers
 from tianim.systems.springs.arrays import constant
 from tianim.systems.springs.closest import EDGE_EDGE, between, edge_edge, reach
+from tianim.systems.springs.self_gaps import row as point
 
 Ints = NDArray[np.int32]
 
@@ -34,12 +35,6 @@ TURN = PIECES  # place of the turn in the array of counts
 LOW, HIGH, MIDDLE, WAY, RADIUS, SWEPT = 0, 3, 6, 9, 12, 13
 # A box is at most this part of the grid across; cells an axis are at least so many.
 SPAN, FEWEST = 0.5, 8
-
-
-@ti.func
-def point(x: ti.template(), i):
-    """Point i."""
-    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
 
 
 @ti.kernel

@@ -102,6 +102,7 @@ class SelfContact(KeptApart):
             self._recall(b)
             apply(self._contacts, self._corner, self._number, points.inverse_mass, y)
             self.push_apart()
+        self._b = b
         return self._contacts > 0
 
     def push_apart(self) -> None:
@@ -116,6 +117,7 @@ class SelfContact(KeptApart):
             self._note_near()
             self._recall(dt)
             apply(self._contacts, self._corner, self._number, points.inverse_mass, points.x)
+            self._b = dt
         if self._contacts:
             self._note_walls(dt)
             self._resolve(SWEEPS)
@@ -134,7 +136,6 @@ class SelfContact(KeptApart):
             self._contacts, (b / self._b) ** 2, self._corner, self._number, self._head, self._after,
             self._corner_before, self._force_before, self._gain,
         )  # fmt: skip
-        self._b = b
 
     def _keep(self) -> None:
         """Corners and forces of the contacts, for the next step."""

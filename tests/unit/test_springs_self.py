@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from tianim.lang import f64_1d, f64_2d, ti
+from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.closest import EDGE_EDGE, POINT_TRIANGLE, between, closest, meeting, reach
 from tianim.systems.springs.impact_zones import rigid, zones_of
 from tianim.systems.springs.intersections import intersections
-from tianim.systems.springs.self_gaps import row
 from tianim.systems.springs.self_kernels import NUMBERS, resolve
 from tianim.systems.springs.self_pairs import PIECES, Pairs
 from tianim.systems.springs.self_patches import PATCH, beside_of, joints, patched
@@ -31,7 +31,9 @@ XI = 0.01
 @ti.kernel
 def weights_of(n: ti.i32, kind: ti.i32, x: f64_2d, w: f64_2d):
     for k in range(n):
-        found = closest(kind, row(x, 4 * k), row(x, 4 * k + 1), row(x, 4 * k + 2), row(x, 4 * k + 3))
+        found = closest(
+            kind, triple(x, 4 * k), triple(x, 4 * k + 1), triple(x, 4 * k + 2), triple(x, 4 * k + 3)
+        )
         for c in ti.static(range(4)):
             w[k, c] = found[c]
 
@@ -39,8 +41,8 @@ def weights_of(n: ti.i32, kind: ti.i32, x: f64_2d, w: f64_2d):
 @ti.kernel
 def meetings(n: ti.i32, kind: ti.i32, xi: ti.f64, x: f64_2d, p: f64_2d, out: f64_1d):
     for k in range(n):
-        a, b, c, d = row(x, 4 * k), row(x, 4 * k + 1), row(x, 4 * k + 2), row(x, 4 * k + 3)
-        pa, pb, pc, pd = row(p, 4 * k), row(p, 4 * k + 1), row(p, 4 * k + 2), row(p, 4 * k + 3)
+        a, b, c, d = triple(x, 4 * k), triple(x, 4 * k + 1), triple(x, 4 * k + 2), triple(x, 4 * k + 3)
+        pa, pb, pc, pd = triple(p, 4 * k), triple(p, 4 * k + 1), triple(p, 4 * k + 2), triple(p, 4 * k + 3)
         gap = between(closest(kind, a, b, c, d), a, b, c, d).norm()
         out[k] = meeting(kind, gap, xi, reach(kind, pa, pb, pc, pd), a, b, c, d, pa, pb, pc, pd)
 

@@ -1,4 +1,4 @@
-"""Constant numbers as kernels see them."""
+"""Constant numbers as kernels see them, and rows of arrays as they take them."""
 
 from typing import Any
 
@@ -16,3 +16,9 @@ def constant(values: ArrayLike) -> Any:
     if len(given):
         array.from_numpy(np.ascontiguousarray(given, np.int32 if whole else np.float32))
     return array
+
+
+@ti.func
+def triple(x: ti.template(), i):
+    """Row i of x (n, 3)."""
+    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])

@@ -18,17 +18,12 @@ spring, a step each.
 """
 
 from tianim.lang import ti
+from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.contact import met_wall, wall_velocity
 from tianim.systems.springs.hinges import opening, turned_by
 
 # Columns of `sweep` behind a spring's direction.
 UPPER, REST = 3, 4
-
-
-@ti.func
-def at(x: ti.template(), i):
-    """A row of x."""
-    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
 
 
 @ti.func
@@ -55,12 +50,12 @@ def solve_line(
         a, b, e = link[s, 0], link[s, 1], entry[s]
         k, c = row[e, 0] * h * h, row[e, 2] * h
         wa, wb = inverse_mass[a], inverse_mass[b]
-        n = at(x, b) - at(x, a)
+        n = triple(x, b) - triple(x, a)
         length = n.norm()
         n /= ti.max(length, 1e-30)
         off = -k * (length - row[e, 1])
         if c > 0.0:
-            off -= c * (length - (at(start, b) - at(start, a)).norm())
+            off -= c * (length - (triple(start, b) - triple(start, a)).norm())
         if first == 0:
             off -= multiplier[s]
         turn = before.dot(n)
@@ -79,7 +74,7 @@ def solve_line(
         next_one = ti.select(back > 0, sweep[s, UPPER] * change, 0.0)  # nothing follows the last
         change = sweep[s, REST] - next_one
         multiplier[s] = ti.select(first == 1, 0.0, multiplier[s]) + change
-        by, a, b = change * at(sweep, s), link[s, 0], link[s, 1]
+        by, a, b = change * triple(sweep, s), link[s, 0], link[s, 1]
         move(x, a, -inverse_mass[a] * by)
         move(x, b, inverse_mass[b] * by)
 
@@ -93,13 +88,13 @@ def solve_bend(
     S, give = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64)
     for p in ti.static(range(4)):
         i, s = corner[m, p], coefficient[m, p]
-        S += s * at(x, i)
+        S += s * triple(x, i)
         give += s * s * inverse_mass[i]
     k = strength[m, 0] * h * h
     off = -k * (1.0 - strength[m, 1] / ti.max(S.norm(), 1e-30)) * S
     before = ti.Vector([0.0, 0.0, 0.0], ti.f64)
     if first == 0:
-        before = at(multiplier, m)
+        before = triple(multiplier, m)
     change = (off - before) / (k * give + 1.0)
     for c in ti.static(range(3)):
         multiplier[m, c] = before[c] + change[c]
@@ -115,11 +110,13 @@ def solve_hinge(
 ):  # fmt: skip
     """One hinge."""
     pa, pb, pc, pd = points[m, 0], points[m, 1], points[m, 2], points[m, 3]
-    theta, ga, gb, gc, gd = opening(at(x, pa), at(x, pb), at(x, pc), at(x, pd))
+    theta, ga, gb, gc, gd = opening(triple(x, pa), triple(x, pb), triple(x, pc), triple(x, pd))
     k, c = given[m, 0] * h * h, given[m, 2] * h
     off = -k * turned_by(theta, given[m, 1])
     if c > 0.0:
-        old, _a, _b, _c, _d = opening(at(start, pa), at(start, pb), at(start, pc), at(start, pd))
+        old, _a, _b, _c, _d = opening(
+            triple(start, pa), triple(start, pb), triple(start, pc), triple(start, pd)
+        )
         off -= c * turned_by(theta, old)
     wa, wb, wc, wd = inverse_mass[pa], inverse_mass[pb], inverse_mass[pc], inverse_mass[pd]
     give = wa * ga.norm_sqr() + wb * gb.norm_sqr() + wc * gc.norm_sqr() + wd * gd.norm_sqr()
@@ -143,15 +140,15 @@ def solve_wall(
     What it is pushed beyond its own approach, as it began in the wall, is `relief`: no velocity comes of it.
     """
     if inverse_mass[i] > 0.0:
-        begin, end = ti.cast(at(start, i), ti.f32), ti.cast(at(x, i), ti.f32)
+        begin, end = ti.cast(triple(start, i), ti.f32), ti.cast(triple(x, i), ti.f32)
         hit, which = met_wall(table, samples, count, bounds, thickness, ti.cast(h, ti.f32), begin, end)
         extra = ti.Vector([0.0, 0.0, 0.0], ti.f64)
         if first == 0:
-            extra = at(relief, i)
+            extra = triple(relief, i)
         if hit.w < thickness:
             n = ti.cast(hit.xyz, ti.f64)
             carried = h * ti.cast(wall_velocity(table, samples, count, which, end), ti.f64)
-            d = at(x, i) - at(start, i) - carried
+            d = triple(x, i) - triple(start, i) - carried
             came, out = ti.max(-d.dot(n), 0.0), ti.cast(thickness - hit.w, ti.f64)
             along = d - d.dot(n) * n
             held = ti.min(1.0, friction[which] * ti.min(came, out) / ti.max(along.norm(), 1e-30))

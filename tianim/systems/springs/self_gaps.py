@@ -4,6 +4,7 @@ A pair is four points, of a point and a triangle or of two edges (`closest.py`).
 """
 
 from tianim.lang import ti
+from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.closest import between, closest
 
 # Pairs nearer than this many thicknesses at the start of a step are kept apart by it, if the solver brings
@@ -18,12 +19,6 @@ LEAST, LEAST_OF_GAP = 0.1, 0.8
 
 
 @ti.func
-def row(x: ti.template(), i):
-    """Point i."""
-    return ti.Vector([x[i, 0], x[i, 1], x[i, 2]])
-
-
-@ti.func
 def least_gap(gap, thickness):
     """How near a pair may come that starts at `gap`."""
     return ti.min(LEAST * thickness, LEAST_OF_GAP * gap)
@@ -34,7 +29,7 @@ def kept_apart(thickness, group: ti.template(), rest: ti.template(), kind, a, b,
     """Distance that a pair keeps: less where its parts are nearer at rest, as in a fine mesh."""
     h = ti.cast(thickness, ti.f64)
     if group[a] == group[d]:
-        xa, xb, xc, xd = row(rest, a), row(rest, b), row(rest, c), row(rest, d)
+        xa, xb, xc, xd = triple(rest, a), triple(rest, b), triple(rest, c), triple(rest, d)
         h = ti.min(h, OF_REST * between(closest(kind, xa, xb, xc, xd), xa, xb, xc, xd).norm())
     return h
 

@@ -11,10 +11,11 @@ does not depend on the number of threads; each keeps momentum.
 """
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
+from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.closest import between, closest, meeting, reach
 from tianim.systems.springs.contact import nearest_wall
 from tianim.systems.springs.contact_forces import DRAWN, within_cone
-from tianim.systems.springs.self_gaps import kept_apart, least_gap, row, wanted
+from tianim.systems.springs.self_gaps import kept_apart, least_gap, wanted
 from tianim.systems.springs.self_pairs import NEVER, PIECES, TURN
 
 # Columns of a contact's numbers.
@@ -37,9 +38,9 @@ def detect(
                 hits = 0
                 for k in range(piece * room, piece * room + count[piece]):
                     kind, a, b, c, d = pair[k, 0], pair[k, 1], pair[k, 2], pair[k, 3], pair[k, 4]
-                    xa, xb, xc, xd = row(start, a), row(start, b), row(start, c), row(start, d)
-                    pa, pb = row(end, a) - xa, row(end, b) - xb
-                    pc, pd = row(end, c) - xc, row(end, d) - xd
+                    xa, xb, xc, xd = triple(start, a), triple(start, b), triple(start, c), triple(start, d)
+                    pa, pb = triple(end, a) - xa, triple(end, b) - xb
+                    pc, pd = triple(end, c) - xc, triple(end, d) - xd
                     far, most = gap[k], reach(kind, pa, pb, pc, pd)
                     xi = least_gap(far, thickness)
                     flag[k] = NEVER
@@ -80,9 +81,14 @@ def note_contacts(
                     if flag[k] < 1.0:
                         kind, a, b, c, d = pair[k, 0], pair[k, 1], pair[k, 2], pair[k, 3], pair[k, 4]
                         t = ti.cast(flag[k], ti.f64)
-                        xa, xb, xc, xd = row(start, a), row(start, b), row(start, c), row(start, d)
-                        ya, yb = xa + t * (row(end, a) - xa), xb + t * (row(end, b) - xb)
-                        yc, yd = xc + t * (row(end, c) - xc), xd + t * (row(end, d) - xd)
+                        xa, xb, xc, xd = (
+                            triple(start, a),
+                            triple(start, b),
+                            triple(start, c),
+                            triple(start, d),
+                        )
+                        ya, yb = xa + t * (triple(end, a) - xa), xb + t * (triple(end, b) - xb)
+                        yc, yd = xc + t * (triple(end, c) - xc), xd + t * (triple(end, d) - xd)
                         w = closest(kind, ya, yb, yc, yd)
                         n = between(w, ya, yb, yc, yd)
                         n /= ti.max(n.norm(), 1e-30)
@@ -117,7 +123,7 @@ def note_walls(
     for i in range(n):
         wall[i, 3] = thickness + beyond
         if busy[i] == 1:
-            hit, which = nearest_wall(table, samples, count, bounds, ti.cast(row(solved, i), ti.f32), dt)
+            hit, which = nearest_wall(table, samples, count, bounds, ti.cast(triple(solved, i), ti.f32), dt)
             for c in ti.static(range(4)):
                 wall[i, c] = hit[c]
             wall[i, 4] = friction[which]
@@ -223,7 +229,7 @@ def push_pair(
     s, give, moved = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
     for c in ti.static(range(4)):
         w, i = number[k, WEIGHT + c], corner[k, c]
-        s += w * row(x, i)
+        s += w * triple(x, i)
         give += w * w * inverse_mass[i]
     if give > 0.0:
         n = ti.Vector([number[k, NORMAL], number[k, NORMAL + 1], number[k, NORMAL + 2]])
@@ -269,7 +275,7 @@ def farthest(n: ti.i32, a: f64_2d, b: f64_2d) -> ti.f64:
     most = ti.cast(0.0, ti.f64)
     ti.loop_config(serialize=True)
     for i in range(n):
-        ti.atomic_max(most, (row(a, i) - row(b, i)).norm_sqr())
+        ti.atomic_max(most, (triple(a, i) - triple(b, i)).norm_sqr())
     return ti.sqrt(most)
 
 

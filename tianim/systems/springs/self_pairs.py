@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti, workers
-from tianim.systems.springs.arrays import constant
+from tianim.systems.springs.arrays import constant, triple
 from tianim.systems.springs.closest import EDGE_EDGE, POINT_TRIANGLE, between, closest, reach
-from tianim.systems.springs.self_gaps import MARGIN, NEAR, kept_apart, least_gap, row, wanted
+from tianim.systems.springs.self_gaps import MARGIN, NEAR, kept_apart, least_gap, wanted
 from tianim.systems.springs.self_patches import OWN_EDGE, OWN_POINT, beside_of, owners, patched
 
 Floats = NDArray[np.float64]
@@ -71,9 +71,12 @@ def normals(triangle: ti.template(), start: ti.template(), end: ti.template(), i
     Tang, Curtis, Yoon, Manocha 2009, doi:10.1145/1618452.1618481. Zero where one vanishes.
     """
     a, b, c = triangle[i, 0], triangle[i, 1], triangle[i, 2]
-    u0 = ti.cast(row(start, b) - row(start, a), ti.f32)
-    v0 = ti.cast(row(start, c) - row(start, a), ti.f32)
-    u1, v1 = ti.cast(row(end, b) - row(end, a), ti.f32), ti.cast(row(end, c) - row(end, a), ti.f32)
+    u0 = ti.cast(triple(start, b) - triple(start, a), ti.f32)
+    v0 = ti.cast(triple(start, c) - triple(start, a), ti.f32)
+    u1, v1 = (
+        ti.cast(triple(end, b) - triple(end, a), ti.f32),
+        ti.cast(triple(end, c) - triple(end, a), ti.f32),
+    )
     first, last = u0.cross(v0), u1.cross(v1)
     mid = 0.5 * (u0.cross(v1) + u1.cross(v0))
     return _unit(first), _unit(mid), _unit(last)
@@ -244,11 +247,11 @@ def judged(
     kind, a, b, c, d,
 ):  # fmt: skip
     """Whether a pair is to be listed, whether it is near, and its distance at the start."""
-    xa, xb, xc, xd = row(start, a), row(start, b), row(start, c), row(start, d)
+    xa, xb, xc, xd = triple(start, a), triple(start, b), triple(start, c), triple(start, d)
     w = closest(kind, xa, xb, xc, xd)
     n = between(w, xa, xb, xc, xd)
     far = n.norm()
-    ya, yb, yc, yd = row(end, a), row(end, b), row(end, c), row(end, d)
+    ya, yb, yc, yd = triple(end, a), triple(end, b), triple(end, c), triple(end, d)
     listed, near = 0, 0
     if far > 0.0:
         most = reach(kind, ya - xa, yb - xb, yc - xc, yd - xd) + 2.0 * slack

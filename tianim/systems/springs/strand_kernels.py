@@ -16,10 +16,10 @@ nothing depends on the number of threads; each keeps momentum.
 """
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
+from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.closest import EDGE_EDGE, between, edge_edge, meeting, reach
 from tianim.systems.springs.contact import nearest_wall
 from tianim.systems.springs.self_gaps import MARGIN, NEAR, least_gap, wanted
-from tianim.systems.springs.self_gaps import row as point
 from tianim.systems.springs.self_kernels import AIM, FORCE, FRICTION, NORMAL, WEIGHT, push_pair
 from tianim.systems.springs.self_pairs import NEVER
 from tianim.systems.springs.strand_pairs import PIECES, TURN
@@ -38,8 +38,8 @@ def flag_near(
         flag[k] = NEVER
         if k % room < count[k // room] and gap[k] > 0.0:
             a, b, far = pair[k, 0], pair[k, 1], gap[k]
-            xa, xb, xc, xd = point(start, a), point(start, a + 1), point(start, b), point(start, b + 1)
-            ya, yb, yc, yd = point(end, a), point(end, a + 1), point(end, b), point(end, b + 1)
+            xa, xb, xc, xd = triple(start, a), triple(start, a + 1), triple(start, b), triple(start, b + 1)
+            ya, yb, yc, yd = triple(end, a), triple(end, a + 1), triple(end, b), triple(end, b + 1)
             if far < NEAR * thickness:
                 w = edge_edge(xa, xb, xc, xd)
                 then = between(w, ya, yb, yc, yd).dot(between(w, xa, xb, xc, xd) / far)
@@ -69,13 +69,13 @@ def flag_meeting(
                 for k in range(piece * room, piece * room + count[piece]):
                     a, b, far = pair[k, 0], pair[k, 1], gap[k]
                     xa, xb, xc, xd = (
-                        point(start, a),
-                        point(start, a + 1),
-                        point(start, b),
-                        point(start, b + 1),
+                        triple(start, a),
+                        triple(start, a + 1),
+                        triple(start, b),
+                        triple(start, b + 1),
                     )
-                    pa, pb = point(end, a) - xa, point(end, a + 1) - xb
-                    pc, pd = point(end, b) - xc, point(end, b + 1) - xd
+                    pa, pb = triple(end, a) - xa, triple(end, a + 1) - xb
+                    pc, pd = triple(end, b) - xc, triple(end, b + 1) - xd
                     most, xi = reach(EDGE_EDGE, pa, pb, pc, pd), least_gap(far, thickness)
                     flag[k] = NEVER
                     if most > far - xi and far > 0.0:
@@ -104,13 +104,13 @@ def note_contacts(
                     t = ti.cast(flag[k], ti.f64)
                     a, b = pair[k, 0], pair[k, 1]
                     xa, xb, xc, xd = (
-                        point(start, a),
-                        point(start, a + 1),
-                        point(start, b),
-                        point(start, b + 1),
+                        triple(start, a),
+                        triple(start, a + 1),
+                        triple(start, b),
+                        triple(start, b + 1),
                     )
-                    ya, yb = xa + t * (point(end, a) - xa), xb + t * (point(end, a + 1) - xb)
-                    yc, yd = xc + t * (point(end, b) - xc), xd + t * (point(end, b + 1) - xd)
+                    ya, yb = xa + t * (triple(end, a) - xa), xb + t * (triple(end, a + 1) - xb)
+                    yc, yd = xc + t * (triple(end, b) - xc), xd + t * (triple(end, b + 1) - xd)
                     w = edge_edge(ya, yb, yc, yd)
                     n = between(w, ya, yb, yc, yd)
                     n /= ti.max(n.norm(), 1e-30)
@@ -145,7 +145,7 @@ def note_walls(
         if busy[i] == 1:
             busy[i] = 2  # once a step
             hit, which = nearest_wall(
-                table, samples, count, bounds, ti.cast(point(solved, i), ti.f32), dt
+                table, samples, count, bounds, ti.cast(triple(solved, i), ti.f32), dt
             )  # fmt: skip
             if hit.w < thickness + beyond:
                 for c in ti.static(range(4)):
@@ -174,7 +174,7 @@ def note_taut(
         if touches > 0:
             for i in range(first[strand] + 1, first[strand + 1]):
                 taut[at], pull[at, 0] = i, 0.0
-                pull[at, 1] = (point(solved, i) - point(solved, i - 1)).norm()
+                pull[at, 1] = (triple(solved, i) - triple(solved, i - 1)).norm()
                 at += 1
     return at
 
@@ -187,7 +187,7 @@ def keep_length(k, b, taut: ti.template(), pull: ti.template(), back: ti.templat
     i, moved = taut[k], ti.cast(0.0, ti.f64)
     wa, wb = inverse_mass[i - 1], inverse_mass[i]
     if wa + wb > 0.0:
-        d = point(x, i) - point(x, i - 1)
+        d = triple(x, i) - triple(x, i - 1)
         length = ti.max(d.norm(), 1e-20)
         give = 1.0 / ti.max(row[back[i], 0] * b * b, 1e-20)
         df = (pull[k, 1] - length - give * pull[k, 0]) / (wa + wb + give)

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti, workers
-from tianim.systems.springs.arrays import constant
+from tianim.systems.springs.arrays import constant, triple
 from tianim.systems.springs.closest import EDGE_EDGE, between, edge_edge, reach
-from tianim.systems.springs.self_gaps import row as point
 
 Ints = NDArray[np.int32]
 
@@ -57,7 +56,7 @@ def sweep(
             way[c] = 0.5 * (end[a, c] + end[b, c]) - middle[c]
             swept[k, MIDDLE + c], swept[k, WAY + c] = ti.cast(middle[c], ti.f32), ti.cast(way[c], ti.f32)
             most = ti.max(most, wide)
-        half = ti.max((point(start, b) - point(start, a)).norm(), (point(end, b) - point(end, a)).norm())
+        half = ti.max((triple(start, b) - triple(start, a)).norm(), (triple(end, b) - triple(end, a)).norm())
         swept[k, RADIUS] = ti.cast(0.5 * half, ti.f32) + most
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -155,13 +154,13 @@ def find(
                                 if (c + t * u).norm_sqr() <= far * far:
                                     a, b = segment[i], segment[j]
                                     xa, xb, xc, xd = (
-                                        point(start, a), point(start, a + 1), point(start, b),
-                                        point(start, b + 1),
+                                        triple(start, a), triple(start, a + 1), triple(start, b),
+                                        triple(start, b + 1),
                                     )  # fmt: skip
                                     there = between(edge_edge(xa, xb, xc, xd), xa, xb, xc, xd).norm()
                                     most = reach(
-                                        EDGE_EDGE, point(end, a) - xa, point(end, a + 1) - xb,
-                                        point(end, b) - xc, point(end, b + 1) - xd,
+                                        EDGE_EDGE, triple(end, a) - xa, triple(end, a + 1) - xb,
+                                        triple(end, b) - xc, triple(end, b + 1) - xd,
                                     )  # fmt: skip
                                     if there - most <= thickness:
                                         if found < room:

@@ -11,6 +11,7 @@ are nearer than that, and only these follow their way (`contact.py`).
 
 from tianim.lang import ti
 from tianim.spatial.bodies import SPIN, VELOCITY, signed_distance, surface_velocity
+from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.contact import met_from, wall_gap
 
 # Columns of what is known of a point: its nearest wall's normal, distance and number, what that moves in the
@@ -20,12 +21,6 @@ NORMAL, GAP, WHICH, WAY, ROOM, SWING, KNOWN = 0, 3, 4, 5, 8, 9, 12
 NEARLY = 0.95
 # Turns of length and wall about a point at the end: each undoes a little of the other where walls are curved.
 SETTLE = 5
-
-
-@ti.func
-def triple(array: ti.template(), i):
-    """Row i."""
-    return ti.Vector([array[i, 0], array[i, 1], array[i, 2]])
 
 
 @ti.func

@@ -30,13 +30,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, ti, workers
-from tianim.systems.springs.arrays import constant
+from tianim.systems.springs.arrays import constant, triple
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls, wall_velocity
 from tianim.systems.springs.params import SpringsParams
 from tianim.systems.springs.points import Points, entries_before
 from tianim.systems.springs.strand_band import WIDTH, eliminate, substitute, zero
-from tianim.systems.springs.strand_walls import KNOWN, look, met, settle, triple
+from tianim.systems.springs.strand_walls import KNOWN, look, met, settle
 
 # Stiffness of contact over that of the point's springs and mass together.
 PRESSED = 1.0

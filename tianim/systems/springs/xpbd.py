@@ -35,11 +35,11 @@ from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
 from tianim.spatial.crew import MOST_TURNS, PIECE, Crew, Pace, meet, take
-from tianim.systems.springs.arrays import constant
+from tianim.systems.springs.arrays import constant, triple
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.bends import bends_of, joining
 from tianim.systems.springs.colours import in_colours, lines_of
-from tianim.systems.springs.compliant import REST, at, move, solve_bend, solve_hinge, solve_line, solve_wall
+from tianim.systems.springs.compliant import REST, move, solve_bend, solve_hinge, solve_line, solve_wall
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.points import Points
 
@@ -94,9 +94,9 @@ def substep(
                         elif kind == PREDICT:
                             for c in ti.static(range(3)):
                                 start[i, c] = x[i, c]
-                            by = h * at(v, i)
+                            by = h * triple(v, i)
                             if inverse_mass[i] > 0.0:
-                                by += h * h * at(external, i)
+                                by += h * h * triple(external, i)
                             move(x, i, by)
                         elif inverse_mass[i] > 0.0:
                             for c in ti.static(range(3)):

@@ -11,6 +11,9 @@ QUADRANTS_TESTS := tests/physics/test_every_system.py tests/physics/test_gravity
   tests/physics/test_fluid_pressure.py tests/unit/test_fluid_pairs.py tests/unit/test_grid.py \
   tests/unit/test_octree.py tests/unit/test_springs_hinges.py tests/unit/test_springs_limits.py
 
+# A process for each core, each with whole files: cases of one file share what they compute.
+TOGETHER := -n auto --maxprocesses 4 --dist loadfile
+
 SCENES := $(basename $(notdir $(wildcard configs/*.yaml)))
 
 .NOTPARALLEL:
@@ -25,13 +28,13 @@ demo: $(VENV)/all.stamp ## Install, fly 30,000 starlings, make frames, pictures 
 	@echo "More scenes: $(BIN)/tianim list"
 
 test: $(VENV)/test.stamp ## Install and run the tests
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest $(TOGETHER) $(ARGS)
 
 test-slow: $(VENV)/test.stamp ## The tests that take minutes
-	$(BIN)/python -m pytest -m slow $(ARGS)
+	$(BIN)/python -m pytest $(TOGETHER) -m slow $(ARGS)
 
 test-quadrants: $(VENV)/test.stamp ## Short tests of the kernels under the other compiler
-	TIANIM_COMPILER=quadrants $(BIN)/python -m pytest $(QUADRANTS_TESTS) $(ARGS)
+	TIANIM_COMPILER=quadrants $(BIN)/python -m pytest $(TOGETHER) $(QUADRANTS_TESTS) $(ARGS)
 
 lint: $(VENV)/dev.stamp ## Style and types
 	$(BIN)/ruff check

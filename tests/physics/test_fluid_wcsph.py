@@ -73,6 +73,22 @@ def test_momentum_is_kept() -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
+def test_a_full_box_keeps_its_momentum(dimension: int) -> None:
+    """There gradients are corrected, each pair's by both of its particles."""
+    side = 12 if dimension == 2 else 8
+    x = cube(side, D, 0.15, dimension)
+    v = np.random.default_rng(6).normal(0.0, 0.5, x.shape)
+    v[:, dimension:] = 0.0
+    bounds = Bounds("periodic", (0.0, 0.0, 0.0), (side * D,) * 3)
+    flow = Flow(Wcsph, x, v, None, D, dimension, bounds, gravity=(0.0, 0.0, 0.0), **SOUND)
+    assert flow.method._correction is not None
+    start, size = flow.momentum()
+    flow.run(20, DT)
+    end, _ = flow.momentum()
+    assert np.linalg.norm(end - start) < MOMENTUM * size
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
 def test_free_fall(dimension: int) -> None:
     x = cube(5, D, dimension=dimension)
     flow = Flow(Wcsph, x, spacing=D, dimension=dimension, gravity=GRAVITY, **SOUND)

@@ -237,6 +237,30 @@ def test_places_shifted_after_the_measurement_are_held_all_the_same() -> None:
     np.testing.assert_allclose(spray.position[0, 1], LEAST * D, atol=PLACE)
 
 
+def test_a_shift_ends_before_the_walls_and_keeps_velocities() -> None:
+    """Before the nearest wall and the next; what is nearer than allowed stays so; periods are gone round."""
+    near = 0.02 * LEAST
+    bodies: dict[str, BodyParams] = {"floor": Plane(), "wall": Plane(normal=(1.0, 0.0, 0.0))}
+    x = np.array([[0.3 * D, 0.25 * D, 0.0], [1.0, near * D, 0.0], [0.5, 0.5, 0.99]])
+    spray = Spray(x, [0.0, 0.0, 0.0], bodies)
+    way = ti.ndarray(ti.f32, (3, 3))
+    way.from_numpy(np.array([[-0.3, -0.3, 0.1], [0.05, -0.05, 0.0], [0.1, 0.1, 0.1]], np.float32).T * D)
+    lower, length = ti.ndarray(ti.f32, 3), ti.ndarray(ti.f32, 3)
+    lower.fill(0.0)
+    length.from_numpy(np.array([0.0, 0.0, 0.99 + 0.06 * D], np.float32))
+    spray.walls.measure(3, spray.fluid["position"])
+    spray.walls.hold(3, spray.fluid["position"], spray.fluid["velocity"], 1e-4)
+    before = spray.velocity
+    spray.walls.shift(3, spray.fluid["position"], spray.fluid["velocity"], way, lower, length)
+    least = min(LEAST, 0.25)
+    expected = np.array([
+        [least * D, least * D, 0.1 * D], [1.0 + 0.05 * D, near * D, 0.0],
+        [0.5 + 0.1 * D, 0.5 + 0.1 * D, 0.04 * D],
+    ])  # fmt: skip
+    np.testing.assert_allclose(spray.position, expected, atol=PLACE)
+    assert np.array_equal(spray.velocity, before)
+
+
 def test_what_is_in_a_wall_is_moved_out_and_counted() -> None:
     bodies: dict[str, BodyParams] = {"floor": Plane(), "rock": Sphere(radius=0.2, position=(1.0, 0.5, 0.0))}
     x = [[0.0, -0.1, 0.0], [1.0, 0.45, 0.1], [0.5, 0.5, 0.0], [0.0, LEAST * D, 0.0]]

@@ -15,16 +15,13 @@ from tianim.lang import f32_1d, f32_2d, ti
 from tianim.system import Bounds
 from tianim.systems.fluid.forces import Forces
 from tianim.systems.fluid.gauge_params import ForceGauge
-from tianim.systems.fluid.motion import kick, move_on
+from tianim.systems.fluid.motion import LARGEST_DRIFT, kick, limited, move_on
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.params import FluidParams
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.pressure import DRIFT, MOTION, PressureSolver, Solved
 from tianim.systems.fluid.walls import LEAST, Walls
 
-# A drift is a fraction of a percent of a spacing; where two blocks were driven into each other it is
-# undone over several steps, so many spacings in each.
-LARGEST_DRIFT = 0.1
 # A fluid at rest is solved to this part of the error asked for, for what it leaves is added up in the places;
 # a fast one to more, in proportion to its speed.
 MOTION_SHARE = 0.2
@@ -45,9 +42,7 @@ def drift_places(
 ):
     """Move x by dt^2 push, at most `most` [m], no nearer to a wall than `least` or than it is."""
     for i in range(n):
-        way = dt * dt * ti.Vector([push[0, i], push[1, i], push[2, i]])
-        length = way.norm()
-        way *= ti.min(1.0, most / ti.max(length, 1e-30))
+        way = limited(dt * dt * ti.Vector([push[0, i], push[1, i], push[2, i]]), most)
         wall = ti.Vector([normal[0, i], normal[1, i], normal[2, i]])
         room = ti.max(distance[i] - least, 0.0)
         way += ti.max(-way.dot(wall) - room, 0.0) * wall

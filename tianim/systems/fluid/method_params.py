@@ -43,6 +43,9 @@ class PbfParams(_Iterated):
     density_error_p99: ErrorLimit = Field(
         0.05, description="error that 99 % of the particles keep, part of it"
     )
+    divergence_error: ErrorLimit = Field(
+        0.02, description="mean error of the density that the fastest motion would make in a step, part of it"
+    )
     cfm: NonNegative = Field(
         0.0, description="softness of the constraint (epsilon of the paper), 0: as hard as can be"
     )

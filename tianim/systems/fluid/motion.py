@@ -7,6 +7,9 @@ from tianim.systems.fluid.walls import Walls
 
 # What bears less than this part of a layer of the lightest fluid flies free: iterations leave so much.
 SLIGHT = 0.05
+# A drift of places is a fraction of a percent of a spacing; where two blocks were driven into each other it
+# is undone over several steps, so many spacings in each.
+LARGEST_DRIFT = 0.1
 
 
 @ti.kernel
@@ -44,6 +47,12 @@ def advect(
             y = x[c, i] + dt * v[c, i] - free * a[c]
             turns = ti.floor((y - lower[c]) / ti.max(length[c], 1e-30))
             x[c, i] = y - ti.select(length[c] > 0.0, turns * length[c], 0.0)
+
+
+@ti.func
+def limited(way, most):
+    """A displacement, at most `most` [m]."""
+    return way * ti.min(1.0, most / ti.max(way.norm(), 1e-30))
 
 
 def move_on(n: int, dt: float, particles: Particles, walls: Walls, pairs: Pairs) -> None:

@@ -191,6 +191,47 @@ def hold_velocities(
 
 
 @ti.kernel
+def shift_places(
+    n: ti.i32,
+    count: ti.i32,
+    dt: ti.f32,
+    least: ti.f32,
+    fastest: ti.f32,
+    slack: ti.f32,
+    table: f32_2d,
+    samples: f32_1d,
+    lower: f32_1d,
+    length: f32_1d,
+    way: f32_2d,
+    distance: f32_1d,
+    x: f32_2d,
+    v: f32_2d,
+):
+    """Move x by `way`, no nearer to a wall, `dt` after its pose, than `least` or than it is."""
+    for i in range(n):
+        p = ti.Vector([x[0, i], x[1, i], x[2, i]])
+        end = p + ti.Vector([way[0, i], way[1, i], way[2, i]])
+        u = ti.Vector([v[0, i], v[1, i], v[2, i]])
+        if distance[i] < least + slack + (u.norm() + fastest) * dt:
+            sweep = 0
+            while sweep < SWEEPS:
+                sweep += 1
+                touched = 0
+                for b in range(count):
+                    hit = seen_ahead(table, samples, b, end, dt)
+                    if hit.w < least:
+                        depth = ti.min(seen_ahead(table, samples, b, p, dt).w, least) - hit.w
+                        if depth > 0.0:
+                            touched = 1
+                            end += depth * hit.xyz
+                if touched == 0:
+                    sweep = SWEEPS
+        for c in ti.static(range(3)):
+            turns = ti.floor((end[c] - lower[c]) / ti.max(length[c], 1e-30))
+            x[c, i] = end[c] - ti.select(length[c] > 0.0, turns * length[c], 0.0)
+
+
+@ti.kernel
 def clamp_places(
     n: ti.i32,
     count: ti.i32,

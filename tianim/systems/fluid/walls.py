@@ -24,7 +24,7 @@ from tianim.spatial.bodies import FAR, WIDTH, Bodies, signed_distance, surface_v
 from tianim.system import Bounds
 from tianim.systems.fluid.params import Walls as WallParams
 from tianim.systems.fluid.particles import Particles
-from tianim.systems.fluid.wall_contact import add_impulse, clamp_places, hold_velocities
+from tianim.systems.fluid.wall_contact import add_impulse, clamp_places, hold_velocities, shift_places
 from tianim.systems.fluid.wall_rows import half_thickness, largest_speed, pack_bounds, set_form
 from tianim.systems.fluid.wall_shares import (
     COULOMB,
@@ -310,6 +310,16 @@ class Walls:
                 self._fastest, MOVED * particles.spacing, particles.volume, self.table, self.samples, x, v,
                 self.distance, particles["phase"], particles.rest_density, self._starts, self._sums,
             )  # fmt: skip
+
+    def shift(self, n: int, x: Any, v: Any, way: Any, lower: Any, length: Any) -> None:
+        """Move `x` after x += dt v by `way` (3, capacity) [m], though not into a wall.
+
+        lower, length: of a periodic box, in which it stays.
+        """
+        shift_places(
+            n, self.count, self._dt, self._least, self._fastest, 2.0 * MOVED * self._particles.spacing,
+            self.table, self.samples, lower, length, way, self.distance, x, v,
+        )  # fmt: skip
 
     def clamp(self, n: int, x: Any, v: Any) -> int:
         """Move what is in a wall after x += dt v back out; how many that were: 0 in a sane run."""

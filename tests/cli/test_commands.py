@@ -330,6 +330,20 @@ def test_python_m_tianim_is_the_command() -> None:
     assert done.stdout == f"tianim {__version__}\n"
 
 
+@pytest.mark.parametrize("own", [None, "3"])
+def test_numpy_gets_one_thread_before_it_is_loaded_unless_the_user_says(own: str | None) -> None:
+    code = (
+        "import atexit, os, sys; from tianim.cli import main\n"
+        "atexit.register(lambda: print('THREADS', os.environ['OPENBLAS_NUM_THREADS']))\n"
+        "assert 'numpy' not in sys.modules\nsys.argv = ['tianim', '--version']\nmain()"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    if own:
+        environment["OPENBLAS_NUM_THREADS"] = own
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert done.stdout.split()[-1] == (own or "1"), done.stderr
+
+
 HEAVY = ("taichi", "scipy", "matplotlib", "open3d", "pyvista", "meshio", "h5py", "av", "PIL", "trimesh")
 
 

@@ -36,9 +36,7 @@ class Report:
     def strains(self, x: Floats) -> tuple[Floats, Floats]:
         """Strain (length over rest length - 1; 0 where that is 0) and tension [N] of each spring."""
         springs = self._limits.springs()
-        a, b = springs.ends.T
-        length = np.linalg.norm(x[b] - x[a], axis=1)
-        rest = springs.rest_length
+        length, rest = self._lengths(x), springs.rest_length
         strain = np.divide(length, rest, out=np.ones_like(length), where=rest > 0.0) - 1.0
         strain[springs.stiffness == 0.0] = 0.0  # torn
         return strain, springs.stiffness * (length - rest)
@@ -68,9 +66,15 @@ class Report:
     def elastic(self, x: Floats) -> float:
         """Energy of all springs and of bending [J]."""
         springs = self._limits.springs()
-        a, b = springs.ends.T
-        longer = np.linalg.norm(x[b] - x[a], axis=1) - springs.rest_length
+        longer = self._lengths(x) - springs.rest_length
         return float(0.5 * springs.stiffness @ longer**2) + self.bending(x) + self.turning(x) + self.solid(x)
+
+    def _lengths(self, x: Floats) -> Floats:
+        """Of all springs [m]."""
+        a, b = self._limits.springs().ends.T
+        between = np.take(x, b, axis=0) - np.take(x, a, axis=0)
+        # With `take` and without a norm along rows, several times as fast.
+        return np.sqrt(np.einsum("ij,ij->i", between, between))
 
     def solid(self, x: Floats) -> float:
         """Energy of all solids [J]."""
@@ -110,7 +114,8 @@ class Report:
         gravity = np.array(self._params.at(time).gravity)
         momentum = mass @ v
         centre = mass @ x / mass.sum()
-        spin = (mass[:, None] * np.cross(x - centre, v)).sum(axis=0)
+        moment = mass * (x - centre).T @ v  # sum of m x_i v_j
+        spin = np.array([moment[i - 2, i - 1] - moment[i - 1, i - 2] for i in range(3)])
         found: dict[str, float] = {
             "kinetic_energy": float(0.5 * mass @ np.einsum("ij,ij->i", v, v)),
             "elastic_energy": self.elastic(x),

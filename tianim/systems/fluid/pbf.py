@@ -97,7 +97,7 @@ FIRST = 8
 AT_SPACING = 0.00915
 # Fewer iterations, up to FEWER a step, where the errors are below this part of their limits.
 CALM = 0.5
-FEWER = 0.125
+FEWER = 0.25
 # What is left after a step of an error that is remembered: what swings is not calm in between.
 MEMORY = 0.98
 

@@ -17,7 +17,7 @@ SHORT = {
         "a lattice that breaks up",
     ),
     "dam break: front at T = 1.212, a = 1.125 in": (0.015, "the readings of the two flumes differ by 0.22"),
-    "two drops collide, pbf: drift of the angular momentum": (0.009, "pushes of predicted places"),
+    "two drops collide, pbf: drift of the angular momentum": (0.0075, "pushes of predicted places"),
     "a drop at rest, 10 in its radius, 2D: pressure over Laplace's": (0.13, "as its particles happen to lie"),
     "a drop at rest, 8 in its radius, 3D: pressure over Laplace's": (0.53, "the layer presses too"),
 }

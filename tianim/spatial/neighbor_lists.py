@@ -62,6 +62,13 @@ HEADROOM = 1.25
 
 
 @ti.func
+def wrapped(x, lower, length):
+    """A coordinate brought back into a periodic box; a `length` of 0 stands for no period."""
+    turns = ti.floor((x - lower) / ti.max(length, 1e-30))
+    return x - ti.select(length > 0.0, turns * length, 0.0)
+
+
+@ti.func
 def nearest_image(d, length):
     """Difference d of two coordinates [m] to the nearest image; `length` of the box, 0: no images."""
     images = length * ti.floor(d / ti.max(length, 1e-30) + 0.5)

@@ -1,6 +1,7 @@
 """Motion: how velocities and places of a fluid go on in a step, whatever the method."""
 
 from tianim.lang import f32_1d, f32_2d, ti
+from tianim.spatial.neighbor_lists import wrapped
 from tianim.systems.fluid.pairs import Pairs
 from tianim.systems.fluid.particles import Particles
 from tianim.systems.fluid.walls import Walls
@@ -44,9 +45,7 @@ def advect(
         pressed = ti.abs(pressure[i]) > slight * a.norm()
         free = ti.select(pressed | (distance[i] <= clear), 0.0, 0.5 * dt * dt)
         for c in ti.static(range(3)):
-            y = x[c, i] + dt * v[c, i] - free * a[c]
-            turns = ti.floor((y - lower[c]) / ti.max(length[c], 1e-30))
-            x[c, i] = y - ti.select(length[c] > 0.0, turns * length[c], 0.0)
+            x[c, i] = wrapped(x[c, i] + dt * v[c, i] - free * a[c], lower[c], length[c])
 
 
 @ti.func

@@ -17,7 +17,7 @@ contacts of Macklin, Mueller, Chentanez and Kim 2014 (doi:10.1145/2601097.260115
 
 With a single solve, as in the paper of 2013, what a step leaves of a compression the next one gives back as a
 velocity, over dt: an integrating controller of the places, unstable as soon as deep fluid leaves more than a
-half, with warm pressures. A column of 80 layers hopped at 0.2 sqrt(g H) for ever so; now it rests, at 0.01.
+half, with warm pressures. A column of 80 layers hopped at 0.2 sqrt(g H) for ever; now it rests, at 0.01.
 
 **An iteration** is two passes over the stored pairs: P_i <- max(0, P_i + omega C_i / (dt^2 D_i)), D the
 change of C_i by its own P_i, then u. C and u are taken on the tangent of the places where kernels were last
@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from tianim.lang import f32_1d, f32_2d, i32_1d, i32_2d, ti
 from tianim.math.smoothing import spline, spline_slopes, spline_values
 from tianim.spatial.crew import MOST_TURNS, PIECE, Crew
-from tianim.spatial.neighbor_lists import nearest_image
+from tianim.spatial.neighbor_lists import nearest_image, wrapped
 from tianim.system import Bounds
 from tianim.systems.fluid.correction import Correction
 from tianim.systems.fluid.forces import Forces
@@ -113,9 +113,7 @@ def predict(
         v[1, i] += dt * gy
         v[2, i] += dt * gz
         for c in ti.static(range(3)):
-            y = x[c, i] + dt * v[c, i]
-            turns = ti.floor((y - lower[c]) / ti.max(length[c], 1e-30))
-            x[c, i] = y - ti.select(length[c] > 0.0, turns * length[c], 0.0)
+            x[c, i] = wrapped(x[c, i] + dt * v[c, i], lower[c], length[c])
 
 
 @ti.kernel

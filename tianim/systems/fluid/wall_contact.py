@@ -19,6 +19,7 @@ from tianim.spatial.bodies import (
     signed_distance,
     surface_velocity,
 )
+from tianim.spatial.neighbor_lists import wrapped
 from tianim.systems.fluid.wall_shares import COULOMB, FLAT, flat
 
 # Sweeps over all walls: a corner of three needs three, edges of grids some more.
@@ -227,8 +228,7 @@ def shift_places(
                 if touched == 0:
                     sweep = SWEEPS
         for c in ti.static(range(3)):
-            turns = ti.floor((end[c] - lower[c]) / ti.max(length[c], 1e-30))
-            x[c, i] = end[c] - ti.select(length[c] > 0.0, turns * length[c], 0.0)
+            x[c, i] = wrapped(end[c], lower[c], length[c])
 
 
 @ti.kernel

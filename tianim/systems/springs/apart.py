@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from tianim.lang import ti
+from tianim.systems.springs.arrays import copy
 from tianim.systems.springs.assembly import Assembly
-from tianim.systems.springs.explicit import copy
 from tianim.systems.springs.impact_zones import Floats, Ints, keep_apart
 from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import NUMBERS

@@ -77,20 +77,27 @@ def met_wall(
     Where it passes through something, the distance is that from the tangent plane at the place of entry.
     """
     before, first = nearest_wall(table, samples, count, bounds, start, 0.0)
-    moves = dt * wall_velocity(table, samples, count, first, start)
-    return met_from(before, first, moves, table, samples, count, bounds, thickness, dt, start, end)
+    moves, fastest = ti.Vector([0.0, 0.0, 0.0]), 0.0
+    for b in range(count):
+        own = dt * surface_velocity(table, samples, b, start)
+        fastest = ti.max(fastest, own.norm())
+        if b == first:
+            moves = own
+    reach = (end - start).norm() + fastest
+    return met_from(before, first, moves, reach, table, samples, count, bounds, thickness, dt, start, end)
 
 
 @ti.func
 def met_from(
-    before, first, moves, table: ti.template(), samples: ti.template(), count, bounds: ti.template(),
+    before, first, moves, reach, table: ti.template(), samples: ti.template(), count, bounds: ti.template(),
     thickness, dt, start, end,
 ):  # fmt: skip
-    """As `met_wall`, of a point whose nearest wall at `start` is known: `before`, number `first`, its way."""
+    """As `met_wall`, of a point whose nearest wall at `start` is known: `before`, number `first`, its way.
+
+    `reach` is how far point and any wall go towards each other in the step at most.
+    """
     way = end - start
     hit, which = before, first
-    # What moves may come from as far as it moves: bodies are slower than points are fast here, or thick.
-    reach = way.norm() + moves.norm()
     # The end is looked up in the same place as the way: a second one would take as long to compile again.
     place, s, traced, going = end, 1.0, 0, 1
     while going == 1:

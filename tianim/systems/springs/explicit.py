@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f64_2d, ti
+from tianim.systems.springs.arrays import copy
 from tianim.systems.springs.assembly import Assembly, accelerate
 from tianim.systems.springs.contact import Walls, bounce
 from tianim.systems.springs.hinges import HingeForces
@@ -76,14 +77,6 @@ def add_stage(
             sum_a[i, c] = ti.select(first == 1, 0.0, sum_a[i, c]) + part * a[i, c]
             x[i, c] = x0[i, c] + ahead * u
             v[i, c] = v0[i, c] + ahead * a[i, c]
-
-
-@ti.kernel
-def copy(n: ti.i32, source: f64_2d, target: f64_2d):
-    """Copy source into target."""
-    for i in range(n):
-        for c in ti.static(range(3)):
-            target[i, c] = source[i, c]
 
 
 class ExplicitSolver:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f64_1d, f64_2d, i32_1d, ti
+from tianim.systems.springs.arrays import copy
 from tianim.systems.springs.assembly import Assembly, rows_of
 
 Floats = NDArray[np.float64]
@@ -96,8 +97,10 @@ class Points:
         self.inverse_mass.from_numpy(inverse)
 
     def read(self, array: Any) -> Floats:
-        """(n, 3)."""
-        return np.array(array.to_numpy()[: self.count])
+        """(n, 3) float64."""
+        values = np.empty((self.count, 3))
+        copy(self.count, array, values)
+        return values
 
     def write(self, array: Any, values: Floats) -> None:
         """Set from (n, 3)."""
@@ -134,11 +137,11 @@ class Held:
             settle(self.count, self._which, self._target, points.x)
 
 
-def entries_before(points: Points) -> NDArray[np.int32]:
-    """Of each point the entry in its row that is the spring to the point before; 0 where there is none."""
+def entries_before(points: Points, far: int = 1) -> NDArray[np.int32]:
+    """Of each point the entry in its row that is of the point `far` before; -1 for none."""
     start, neighbour = points.start.to_numpy(), points.neighbour.to_numpy()[: points.start[points.count]]
     owner = np.repeat(np.arange(points.count), np.diff(start))
-    found = np.zeros(points.count, np.int32)
-    before = np.flatnonzero(neighbour == owner - 1)
+    found = np.full(points.count, -1, np.int32)
+    before = np.flatnonzero(neighbour == owner - far)
     found[owner[before]] = before
     return found

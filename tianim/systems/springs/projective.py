@@ -312,7 +312,7 @@ class ProjectiveSolver:
         p = self._points
         return {
             "x_before": p.read(self._x_before), "v_before": p.read(self._v_before),
-            "last_dt": np.array([self._last_dt]), "contact_force": p.read(self._force),
+            "last_dt": np.array([self._last_dt]), "contact_force": self._force.to_numpy()[: p.count],
             "touched": self.touched.to_numpy()[: p.count],
         }  # fmt: skip
 

@@ -1,6 +1,5 @@
 """What is measured of springs, in NumPy and float64: energies, momenta, strains."""
 
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,11 @@ class Report:
 
     def strains(self, x: Floats) -> tuple[Floats, Floats]:
         """Strain (length over rest length - 1; 0 where that is 0) and tension [N] of each spring."""
+        return self._strained(self._lengths(x))
+
+    def _strained(self, length: Floats) -> tuple[Floats, Floats]:
         springs = self._limits.springs()
-        length, rest = self._lengths(x), springs.rest_length
+        rest = springs.rest_length
         strain = np.divide(length, rest, out=np.ones_like(length), where=rest > 0.0) - 1.0
         strain[springs.stiffness == 0.0] = 0.0  # torn
         return strain, springs.stiffness * (length - rest)
@@ -65,9 +67,12 @@ class Report:
 
     def elastic(self, x: Floats) -> float:
         """Energy of all springs and of bending [J]."""
-        springs = self._limits.springs()
-        longer = self._lengths(x) - springs.rest_length
-        return float(0.5 * springs.stiffness @ longer**2) + self.bending(x) + self.turning(x) + self.solid(x)
+        length = self._lengths(x)
+        return self._energy(x, length, self._strained(length)[1])
+
+    def _energy(self, x: Floats, length: Floats, tension: Floats) -> float:
+        longer = length - self._limits.springs().rest_length
+        return float(0.5 * tension @ longer) + self.bending(x) + self.turning(x) + self.solid(x)
 
     def _lengths(self, x: Floats) -> Floats:
         """Of all springs [m]."""
@@ -116,15 +121,17 @@ class Report:
         centre = mass @ x / mass.sum()
         moment = mass * (x - centre).T @ v  # sum of m x_i v_j
         spin = np.array([moment[i - 2, i - 1] - moment[i - 1, i - 2] for i in range(3)])
+        length = self._lengths(x)
+        strained, tension = self._strained(length)
         found: dict[str, float] = {
             "kinetic_energy": float(0.5 * mass @ np.einsum("ij,ij->i", v, v)),
-            "elastic_energy": self.elastic(x),
+            "elastic_energy": self._energy(x, length, tension),
             "potential_energy": float(-mass @ x @ gravity),
         }
         found["total_energy"] = sum(found.values())
         for axis, p, L in zip("xyz", momentum, spin, strict=True):
             found[f"momentum_{axis}"], found[f"angular_momentum_{axis}"] = float(p), float(L)
-        strain: Any = np.abs(self.strains(x)[0])
+        strain = np.abs(strained)
         if self._whole.elements is not None:
             strain = np.concatenate([strain, np.abs(stretches(x, self._whole.elements))])
         found["strain_max"] = float(strain.max()) if len(strain) else 0.0

@@ -30,9 +30,9 @@ from numpy.typing import NDArray
 
 from tianim.lang import ti
 from tianim.systems.springs.apart import KeptApart
+from tianim.systems.springs.arrays import copy
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls
-from tianim.systems.springs.explicit import copy
 from tianim.systems.springs.points import Points
 from tianim.systems.springs.self_kernels import (
     apply,

@@ -1,17 +1,18 @@
 """One strand's equations: a band of 3 x 3 blocks, L D L^T of it down the strand and back, in float64.
 
-Row i of `band` is a point of the strand: the inverse of D (6, symmetric), L of the point before (9), of the
-one before that (9). A point couples to the second before it through bending alone, -q I, so that
+A point couples to the second before it through bending alone, -q I, so that
 
     L2 = -q D''^-1,    A -= L2 D'' L1'^T,    L1 = A D'^-1,    D -= L1 A^T + L2 (-q I)
+    r -= L1 r' + L2 r'',    and back up    s = D^-1 (r - A+^T s+ + q++ s++)
 
-with ' for the point before and '' for the one before that. Some 600 operations a point and iteration, one
-after another; the band of a strand stays in the nearest cache.
+with ' for the point before, '' for the one before that, + and ++ for those after. What the next points need
+goes on in registers; row i of `band` keeps what the way back does: the inverse of D (6, symmetric), A (9),
+-q, and r (3).
 """
 
 from tianim.lang import ti
 
-INVERSE, ONE, TWO, WIDTH = 0, 6, 15, 24
+INVERSE, BESIDE, FAR, RIGHT, WIDTH = 0, 6, 15, 16, 20
 
 
 @ti.func
@@ -34,52 +35,33 @@ def zero():
 
 
 @ti.func
-def stored(band: ti.template(), p):
-    """The inverse of D of row p."""
-    return ti.Matrix([
-        [band[p, 0], band[p, 1], band[p, 2]], [band[p, 1], band[p, 3], band[p, 4]],
-        [band[p, 2], band[p, 4], band[p, 5]],
-    ])  # fmt: skip
+def eliminate(band: ti.template(), at, D, A, far, r, own, own2, last, r1, r2):
+    """Go on by the point of row `at`: its D^-1, L1, r. Of those before: own, last, r1, and own2, r2."""
+    A -= far * last.transpose()
+    L1 = A @ own
+    D -= L1 @ A.transpose() + (far * far) * own2
+    r -= L1 @ r1 + far * (own2 @ r2)
+    inverse = inverse_of(D)
+    for c in ti.static(range(3)):
+        band[at, INVERSE + c] = inverse[0, c]
+        band[at, RIGHT + c] = r[c]
+        for a in ti.static(range(3)):
+            band[at, BESIDE + 3 * a + c] = A[a, c]
+    band[at, INVERSE + 3], band[at, INVERSE + 4] = inverse[1, 1], inverse[1, 2]
+    band[at, INVERSE + 5], band[at, FAR] = inverse[2, 2], far
+    return inverse, L1, r
 
 
 @ti.func
-def eliminate(band: ti.template(), z: ti.template(), at, first, D, A, far, r, last):
-    """Go on by the point of row `at`; its L of the point before, which is `last` of the next point."""
-    L1, L2 = zero(), zero()
-    if far != 0.0:
-        p = at - 2
-        L2 = far * stored(band, p)
-        A -= far * last.transpose()
-        D -= far * L2
-        r -= L2 @ ti.Vector([z[p, 0], z[p, 1], z[p, 2]])
-    if not first:
-        p = at - 1
-        L1 = A @ stored(band, p)
-        D -= L1 @ A.transpose()
-        r -= L1 @ ti.Vector([z[p, 0], z[p, 1], z[p, 2]])
-    own = inverse_of(D)
-    band[at, 0], band[at, 1], band[at, 2] = own[0, 0], own[0, 1], own[0, 2]
-    band[at, 3], band[at, 4], band[at, 5] = own[1, 1], own[1, 2], own[2, 2]
+def substitute(band: ti.template(), at, after, after2):
+    """What the point of row `at` moves. Those of the points after, in their rows: `after`, `after2`."""
+    s = ti.Vector([band[at, RIGHT], band[at, RIGHT + 1], band[at, RIGHT + 2]]) - band[at + 2, FAR] * after2
     for a in ti.static(range(3)):
         for c in ti.static(range(3)):
-            band[at, ONE + 3 * a + c] = L1[a, c]
-            band[at, TWO + 3 * a + c] = L2[a, c]
-        z[at, a] = r[a]
-    return L1
-
-
-@ti.func
-def substitute(band: ti.template(), z: ti.template(), begin, total):
-    """Back up the strand: z becomes what its points move."""
-    for back in range(total):
-        i = begin + total - 1 - back
-        s = stored(band, i) @ ti.Vector([z[i, 0], z[i, 1], z[i, 2]])
-        for ahead in ti.static(range(1, 3)):
-            if back >= ahead:
-                j = i + ahead
-                column = ti.static(ONE if ahead == 1 else TWO)
-                for a in ti.static(range(3)):
-                    for c in ti.static(range(3)):
-                        s[c] -= band[j, column + 3 * a + c] * z[j, a]
-        for c in ti.static(range(3)):
-            z[i, c] = s[c]
+            s[c] -= band[at + 1, BESIDE + 3 * a + c] * after[a]
+    i = ti.static(INVERSE)
+    inverse = ti.Matrix([
+        [band[at, i], band[at, i + 1], band[at, i + 2]], [band[at, i + 1], band[at, i + 3], band[at, i + 4]],
+        [band[at, i + 2], band[at, i + 4], band[at, i + 5]],
+    ])  # fmt: skip
+    return inverse @ s

@@ -23,10 +23,9 @@ import numpy as np
 
 from tianim.lang import ti
 from tianim.systems.springs.apart import KeptApart
-from tianim.systems.springs.arrays import constant
+from tianim.systems.springs.arrays import constant, copy
 from tianim.systems.springs.assembly import Assembly
 from tianim.systems.springs.contact import Walls
-from tianim.systems.springs.explicit import copy
 from tianim.systems.springs.points import Points, entries_before
 from tianim.systems.springs.self_gaps import NEAR
 from tianim.systems.springs.self_kernels import farthest

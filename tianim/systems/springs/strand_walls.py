@@ -6,21 +6,24 @@ wall the point goes w = dx - b s, s the velocity of the wall at x; no wall is me
     (1 + a) |w|  <=  d - |b s' - b s| - a / 2 (|b s'| + |b V|) - thickness      for each wall d, s'
 
 a = b |omega| being the angle that a wall turns in the step, V the velocity of its origin. Few points of hair
-are nearer than that, and only these follow their way (`contact.py`).
+are nearer than that, and only these follow their way (`contact.py`), by steps as long as that allows: what
+rides on a wall, however fast, goes its way in one.
 """
 
 from tianim.lang import ti
-from tianim.spatial.bodies import SPIN, VELOCITY, signed_distance, surface_velocity
+from tianim.spatial.bodies import FAR, SPIN, VELOCITY, signed_distance, surface_velocity
 from tianim.systems.springs.arrays import triple
 from tianim.systems.springs.contact import met_from, wall_gap
 
 # Columns of what is known of a point: its nearest wall's normal, distance and number, what that moves in the
-# step, the room there is, and 1 + a.
-NORMAL, GAP, WHICH, WAY, ROOM, SWING, KNOWN = 0, 3, 4, 5, 8, 9, 12
+# step, the room there is, 1 + a, and how far walls come by themselves.
+NORMAL, GAP, WHICH, WAY, ROOM, SWING, COME, KNOWN = 0, 3, 4, 5, 8, 9, 10, 12
 # Distances of meshes are up to 5 % too far (`bodies.py`).
 NEARLY = 0.95
 # Turns of length and wall about a point at the end: each undoes a little of the other where walls are curved.
 SETTLE = 5
+# What is no deeper than this, in thicknesses, is moved out a last time.
+ENOUGH = 1e-3
 
 
 @ti.func
@@ -29,27 +32,33 @@ def look(
     known: ti.template(), at,
 ):  # fmt: skip
     """Write down what walls a point may meet that begins at x."""
-    hit, first = wall_gap(bounds, x), count
-    way, room, swing = ti.Vector([0.0, 0.0, 0.0]), hit.w, 1.0
-    # Twice through the bodies: which is the nearest, and how near each may come in its frame.
-    for turn in range(2 * count):
-        k = turn % count
+    side = wall_gap(bounds, x)
+    hit, first = side, count
+    way = ti.Vector([0.0, 0.0, 0.0])
+    for k in range(count):
         other = signed_distance(table, samples, k, x)
-        own = b * surface_velocity(table, samples, k, x)
-        if turn < count:
-            if other.w < hit.w:
-                hit, first, way = other, k, own
-        else:
-            angle = b * ti.Vector([table[k, SPIN], table[k, SPIN + 1], table[k, SPIN + 2]]).norm()
-            drift = b * ti.Vector([table[k, VELOCITY], table[k, VELOCITY + 1], table[k, VELOCITY + 2]]).norm()
-            room = ti.min(room, NEARLY * other.w - (own - way).norm() - 0.5 * angle * (own.norm() + drift))
-            swing = ti.max(swing, 1.0 + angle)
-    room = ti.min(room, wall_gap(bounds, x).w - way.norm())
+        if other.w < hit.w:
+            hit, first = other, k
+            way = b * surface_velocity(table, samples, k, x)
+    room, swing = side.w - way.norm(), 1.0
+    come = ti.select(side.w < FAR, way.norm(), 0.0)
+    for k in range(count):
+        angle = b * ti.Vector([table[k, SPIN], table[k, SPIN + 1], table[k, SPIN + 2]]).norm()
+        drift = b * ti.Vector([table[k, VELOCITY], table[k, VELOCITY + 1], table[k, VELOCITY + 2]]).norm()
+        gap, own = hit.w, way
+        if k != first:
+            gap = signed_distance(table, samples, k, x).w
+            own = b * surface_velocity(table, samples, k, x)
+        turned = 0.5 * angle * (own.norm() + drift)
+        room = ti.min(room, NEARLY * gap - (own - way).norm() - turned)
+        come = ti.max(come, (own - way).norm() + 2.0 * turned)
+        swing = ti.max(swing, 1.0 + angle)
     for c in ti.static(range(4)):
         known[at, NORMAL + c] = hit[c]
     for c in ti.static(range(3)):
         known[at, WAY + c] = way[c]
-    known[at, WHICH], known[at, ROOM], known[at, SWING] = first, room - thickness, swing
+    known[at, WHICH], known[at, ROOM] = first, room - thickness
+    known[at, SWING], known[at, COME] = swing, come
 
 
 @ti.func
@@ -60,11 +69,12 @@ def met(
     """What a point meets on its way: normal, distance less the thickness, number; 0 where it meets none."""
     hit, which = ti.Vector([0.0, 0.0, 0.0, 0.0]), count
     way = ti.Vector([known[at, WAY], known[at, WAY + 1], known[at, WAY + 2]])
-    if (end - begin - way).norm() * known[at, SWING] > known[at, ROOM]:
+    far = (end - begin - way).norm() * known[at, SWING]
+    if far > known[at, ROOM]:
         before = ti.Vector([known[at, 0], known[at, 1], known[at, 2], known[at, GAP]])
         first = ti.cast(known[at, WHICH], ti.i32)
         hit, which = met_from(
-            before, first, way, table, samples, count, bounds, thickness, b, begin, end
+            before, first, way, far + known[at, COME], table, samples, count, bounds, thickness, b, begin, end
         )  # fmt: skip
         hit.w = ti.min(hit.w - thickness, 0.0)
     return hit, which
@@ -117,11 +127,9 @@ def settle(
                     hit, _which = met(
                         table, samples, count, bounds, thickness, h, begin, end, known, i - shift
                     )  # fmt: skip
-                    turn += 1
+                    turn = ti.select(hit.w < -ENOUGH * thickness, turn + 1, SETTLE)
                     if hit.w < 0.0:
                         d = out_of(d, ti.cast(hit.xyz, ti.f64), ti.cast(-hit.w, ti.f64), least, most)
-                    else:
-                        turn = SETTLE
             for c in ti.static(range(3)):
                 x[i, c] = foot[c] + d[c]
                 v[i, c] = (x[i, c] - base[i, c]) / b

@@ -65,60 +65,53 @@ def start_step(
 
 
 @ti.func
-def pulled(
-    i, b, start: ti.template(), neighbour: ti.template(), row: ti.template(), tension: ti.template(),
-    inverse_mass: ti.template(), base: ti.template(), y: ti.template(), x: ti.template(),
+def segment(
+    i, b, back: ti.template(), row: ti.template(), tension: ti.template(), base: ti.template(),
+    x: ti.template(),
 ):  # fmt: skip
-    """Inertia and springs of a free point: r, D, the block A before it, -q before that, stiffness in all."""
-    r, A = ti.Vector([0.0, 0.0, 0.0], ti.f64), zero()
-    far = ti.cast(0.0, ti.f64)
-    heavy = 1.0 / (inverse_mass[i] * b * b)
-    D, stiffest = zero(), heavy
-    for c in ti.static(range(3)):
-        D[c, c] = heavy
-        r[c] = heavy * (y[i, c] - x[i, c])
-    for e in range(start[i], start[i + 1]):
-        j = neighbour[e]
-        d = triple(x, j) - triple(x, i)
-        moved = d - (triple(base, j) - triple(base, i))
-        inverse = 1.0 / ti.sqrt(ti.max(d.norm_sqr(), 1e-30))
-        n = d * inverse
-        k, damper, q = row[e, 0], row[e, 2] / b, row[e, 3]
-        slack = 1.0 - row[e, 1] * inverse
-        r += (k * slack + q) * d + (damper * moved.dot(n)) * n
-        across = q
-        if j == i - 1:
-            across += ti.abs(tension[i]) * inverse
-        if j == i + 1:
-            across += ti.abs(tension[j]) * inverse
-        along = k + damper + q - across
-        H = along * n.outer_product(n)
-        for a in ti.static(range(3)):
-            H[a, a] += across
-        D += H
-        stiffest += k
-        if inverse_mass[j] > 0.0:
-            if j == i - 1:
-                A = -H
-            if j == i - 2:
-                far = -q
-    return r, D, A, far, stiffest
+    """The spring to point i from the one before, which it pulls by f: f, its stiffness H, and k."""
+    e = back[i]
+    d = triple(x, i) - triple(x, i - 1)
+    moved = d - (triple(base, i) - triple(base, i - 1))
+    inverse = 1.0 / ti.sqrt(ti.max(d.norm_sqr(), 1e-30))
+    n = d * inverse
+    k, damper, q = row[e, 0], row[e, 2] / b, row[e, 3]
+    across = q + ti.abs(tension[i]) * inverse
+    H = (k + damper + q - across) * n.outer_product(n)
+    for a in ti.static(range(3)):
+        H[a, a] += across
+    return (k * (1.0 - row[e, 1] * inverse) + q) * d + (damper * moved.dot(n)) * n, H, k
 
 
 @ti.func
-def advance(
-    begin, end, at, back: ti.template(), row: ti.template(), z: ti.template(), tension: ti.template(),
-    x: ti.template(),
+def bending(i, back2: ti.template(), row: ti.template()):
+    """Stiffness [N/m] of bending between point i and the second before it."""
+    q = ti.cast(0.0, ti.f64)
+    if back2[i] >= 0:
+        q = row[back2[i], 3]
+    return q
+
+
+@ti.func
+def solve(
+    begin, end, at, back: ti.template(), row: ti.template(), band: ti.template(), z: ti.template(),
+    tension: ti.template(), x: ti.template(),
 ):  # fmt: skip
-    """Tensions that the equations leave; places go on by z, but no segment turns by more than MOST_TURN."""
+    """Back up the strand. Tensions that the equations leave; no segment turns by more than MOST_TURN."""
     part = ti.cast(1.0, ti.f64)
-    for i in range(begin + 1, end):
-        p = at + i - begin
-        turned, d = triple(z, p) - triple(z, p - 1), triple(x, i) - triple(x, i - 1)
-        length, e = d.norm(), back[i]
-        part = ti.min(part, MOST_TURN * length / ti.max(turned.norm(), 1e-20))
-        longer = d.dot(turned) / ti.max(length, 1e-20)
-        tension[i] = row[e, 0] * (length - row[e, 1] + longer)
+    after, after2 = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.Vector([0.0, 0.0, 0.0], ti.f64)
+    for up in range(end - begin):
+        i = end - 1 - up
+        own = substitute(band, at + i - begin, after, after2)
+        for c in ti.static(range(3)):
+            z[at + i - begin, c] = own[c]
+        if up > 0:
+            turned, d = after - own, triple(x, i + 1) - triple(x, i)
+            length, e = d.norm(), back[i + 1]
+            part = ti.min(part, MOST_TURN * length / ti.max(turned.norm(), 1e-20))
+            longer = d.dot(turned) / ti.max(length, 1e-20)
+            tension[i + 1] = row[e, 0] * (length - row[e, 1] + longer)
+        after, after2 = own, after
     for i in range(begin, end):
         for c in ti.static(range(3)):
             x[i, c] = x[i, c] + part * z[at + i - begin, c]
@@ -127,10 +120,10 @@ def advance(
 @ti.kernel
 def newton(
     touching: ti.template(), tasks: ti.i32, stride: ti.i32, strands: ti.i32, longest: ti.i32,
-    iterations: ti.i32, limits: f32_1d, b: ti.f64, first: i32_1d, back: i32_1d, start: i32_1d,
-    neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d,
-    band: f64_2d, z: f64_2d, known: f32_2d, turn: i32_1d, tension: f64_1d, thickness: ti.f32, table: f32_2d,
-    samples: f32_1d, count: ti.i32, bounds: f32_2d, friction: f32_1d,
+    iterations: ti.i32, limits: f32_1d, b: ti.f64, first: i32_1d, back: i32_1d, back2: i32_1d, row: f32_2d,
+    inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d, v: f64_2d, band: f64_2d, z: f64_2d,
+    known: f32_2d, turn: i32_1d, tension: f64_1d, thickness: ti.f32, table: f32_2d, samples: f32_1d,
+    count: ti.i32, bounds: f32_2d, friction: f32_1d,
 ):  # fmt: skip
     """All iterations of each strand, and the velocities that come of it. Tasks take strands in turn."""
     turn[0] = 0
@@ -145,18 +138,40 @@ def newton(
                         place = ti.cast(triple(base, i), ti.f32)
                         look(table, samples, count, bounds, thickness, h, place, known, at + i - begin)
                 for _ in range(iterations):
-                    last = zero()
+                    own, own2, last, before = zero(), zero(), zero(), zero()
+                    r1, r2 = ti.Vector([0.0, 0.0, 0.0], ti.f64), ti.Vector([0.0, 0.0, 0.0], ti.f64)
+                    pull = ti.Vector([0.0, 0.0, 0.0], ti.f64)
+                    stiffness = ti.cast(0.0, ti.f64)
+                    free1, free2 = False, False
                     for i in range(begin, end):
                         p = at + i - begin
-                        r, D, A = ti.Vector([0.0, 0.0, 0.0], ti.f64), zero(), zero()
-                        far = ti.cast(0.0, ti.f64)
-                        for c in ti.static(range(3)):
-                            D[c, c] = 1.0
-                        if inverse_mass[i] > 0.0:
-                            stiffest = ti.cast(0.0, ti.f64)
-                            r, D, A, far, stiffest = pulled(
-                                i, b, start, neighbour, row, tension, inverse_mass, base, y, x
-                            )  # fmt: skip
+                        D, A, r, far, stiffest = before, zero(), -pull, ti.cast(0.0, ti.f64), stiffness
+                        beside = before
+                        if i + 1 < end:
+                            pull, before, stiffness = segment(i + 1, b, back, row, tension, base, x)
+                            r += pull
+                            D += before
+                            stiffest += stiffness
+                        if i + 2 < end:
+                            q = bending(i + 2, back2, row)
+                            r += q * (triple(x, i + 2) - triple(x, i))
+                            for a in ti.static(range(3)):
+                                D[a, a] += q
+                        if i - 2 >= begin:
+                            q = bending(i, back2, row)
+                            r += q * (triple(x, i - 2) - triple(x, i))
+                            far = ti.select(free2, -q, 0.0)
+                            for a in ti.static(range(3)):
+                                D[a, a] += q
+                        if free1:
+                            A = -beside
+                        free1, free2 = inverse_mass[i] > 0.0, free1
+                        if free1:
+                            heavy = 1.0 / (inverse_mass[i] * b * b)
+                            stiffest += heavy
+                            for c in ti.static(range(3)):
+                                D[c, c] += heavy
+                                r[c] += heavy * (y[i, c] - x[i, c])
                             if ti.static(touching):
                                 here, there = ti.cast(triple(base, i), ti.f32), ti.cast(triple(x, i), ti.f32)
                                 hit, which = met(
@@ -173,9 +188,13 @@ def newton(
                                     D += (stiff - held) * hit.xyz.outer_product(hit.xyz)
                                     for a in ti.static(range(3)):
                                         D[a, a] += held
-                        last = eliminate(band, z, p, i == begin, D, A, far, r, last)
-                    substitute(band, z, at, end - begin)
-                    advance(begin, end, at, back, row, z, tension, x)
+                        else:
+                            A, D, far = zero(), zero(), ti.cast(0.0, ti.f64)
+                            for c in ti.static(range(3)):
+                                D[c, c], r[c] = 1.0, 0.0
+                        new, L, s = eliminate(band, p, D, A, far, r, own, own2, last, r1, r2)
+                        own, own2, last, r1, r2 = new, own, L, s, r1
+                    solve(begin, end, at, back, row, band, z, tension, x)
                 settle(
                     touching, strand, b, limits[strand], first, back, row, inverse_mass, base, x, v,
                     thickness, table, samples, count, bounds, known, begin - at,
@@ -208,10 +227,11 @@ class StrandSolver:
         self._longest = max(len(chain) for chain in chains) + APART
         rows = self._tasks * self._longest
         self._band: Any = ti.ndarray(ti.f64, (rows, WIDTH))
+        self._band.fill(0.0)
         self._z: Any = ti.ndarray(ti.f64, (rows, 3))
         self._known: Any = ti.ndarray(ti.f32, (rows, KNOWN))
         self._turn: Any = ti.ndarray(ti.i32, 1)
-        self._back = constant(entries_before(points))
+        self._back, self._back2 = (constant(entries_before(points, k)) for k in (1, 2))
 
     def hold(self, held: NDArray[np.bool_]) -> None:
         """Nothing to prepare."""
@@ -222,7 +242,7 @@ class StrandSolver:
         start_step(p.count, dt, p.inverse_mass, p.external, p.x, p.v, self._base, self._y)
         newton(
             walls.any, self._tasks, self._stride, self._count, self._longest, self._iterations, self._limits,
-            dt, self._first, self._back, p.start, p.neighbour, p.row, p.inverse_mass, self._base, self._y,
+            dt, self._first, self._back, self._back2, p.row, p.inverse_mass, self._base, self._y,
             p.x, p.v, self._band, self._z, self._known, self._turn, self._tension, walls.thickness,
             walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds, walls.friction,
         )  # fmt: skip

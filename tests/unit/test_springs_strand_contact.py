@@ -104,9 +104,9 @@ def crossed(speed: float = 0.0) -> Any:
     return system
 
 
-@pytest.mark.parametrize("speed", [0.0, 60.0])
+@pytest.mark.parametrize("speed", [0.0, 60.0, 120.0])
 def test_a_rope_that_falls_across_another_is_held(speed: float) -> None:
-    """Thrown at 60 m/s, it goes half a metre in a step: 25 thicknesses."""
+    """Thrown at 60 m/s, 25 thicknesses a step; at 120, what is pushed off meets another."""
     system, touched = crossed(speed), 0
     pairs = pairs_of(system, 5)
     count = 0
@@ -196,13 +196,15 @@ def test_a_rope_that_coils_on_the_floor_keeps_its_thickness() -> None:
 
 
 def test_the_grid_finds_every_pair_that_comes_near() -> None:
-    """Random chains, of which one flies far: all pairs that are near at some time of the step, each once."""
+    """Random chains, one off far and one from afar: all pairs near at some time of the step, each once."""
     rng = np.random.default_rng(2)
     chains = [np.arange(12 * k, 12 * k + 12, dtype=np.int32) for k in range(20)]
     start = np.concatenate([rng.uniform(-0.3, 0.3, 3) + np.cumsum(rng.normal(size=(12, 3)), axis=0) * 0.05
                             for _ in chains])  # fmt: skip
     end = start + 0.03 * rng.normal(size=start.shape)
     end[:12] += [3.0, -1.0, 0.5]
+    end[12:24] = end[24:36] + 0.01
+    start[12:24] += [-0.5, 3.0, 1.0]
     pairs = StrandPairs(chains, [0.05] * 20, 0.02)
     arrays = [ti.ndarray(ti.f64, start.shape) for _ in range(2)]
     for array, values in zip(arrays, (start, end), strict=True):
@@ -223,14 +225,22 @@ def test_the_grid_finds_every_pair_that_comes_near() -> None:
 
 
 def test_what_touches_nothing_is_left_alone() -> None:
-    def fallen(touching: bool) -> Floats:
-        piece = {"kind": "rope", "points": [(0, 0, 0), (1, 0, 0)], "segments": 20}
-        contact = {"self_collision": touching}
-        system = built(
-            "springs", pieces={"p": piece}, pins={"a": {"piece": "p", "points": "first"}}, contact=contact
-        )
+    """A rope beside another, at 1.23 thicknesses, and one that flies off it: both are looked at."""
+
+    def fallen(touching: bool) -> tuple[Floats, Floats]:
+        places = {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, 1.23 * THICK), "c": (1.1 * THICK, -1.1 * THICK, 0.0)}
+        pieces = {
+            name: {"kind": "rope", "points": [(x, y, z), (x + 0.7, y + 0.7, z)], "segments": 20}
+            for name, (x, y, z) in places.items()
+        }
+        pieces["c"]["velocity"] = (4.0, -4.0, 0.0)
+        pins = {name: {"piece": name, "points": "first"} for name in "ab"}
+        contact = {"self_collision": touching, "self_thickness": THICK}
+        system = built("springs", pieces=pieces, pins=pins, contact=contact, solver="strands")
         for _ in steps(system, 20):
-            pass
-        return np.array(system.read("position"))
+            if touching:
+                assert system.folds._pairs.count.to_numpy()[:PIECES].sum() > 0
+                assert system.diagnostics()["self_contacts"] == 0
+        return np.array(system.read("position")), np.array(system.read("velocity"))
 
     assert np.array_equal(fallen(False), fallen(True))

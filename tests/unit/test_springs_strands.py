@@ -2,16 +2,20 @@
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from tianim.lang import f32_1d, f32_2d, i32_1d, ti
 from tianim.spatial.bodies import Bodies, BodyParams
 from tianim.systems.springs.contact import met_wall
 from tianim.systems.springs.strand_walls import KNOWN, look, met
+from tianim.validate.build import built
 from tianim.validate.springs_scenes import springs
 
 THICKNESS, STEP = 0.01, 0.02
@@ -70,6 +74,71 @@ def test_no_wall_is_overlooked() -> None:
     assert looked.mean() < 0.8
 
 
+def even(start: Any, velocity: Any) -> dict[str, Any]:
+    """A place or turn that changes evenly [1/s]."""
+    end = [a + b for a, b in zip(start, velocity, strict=True)]
+    return {"interpolation": "linear", "keys": [[0, list(start)], [1, end]]}
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_what_is_aimed_at_a_wall_meets_it(turning: bool, tmp_path: Path) -> None:
+    """Ways that end where a wall will be, and ways along with one: those that are not looked at meet none."""
+    rock = trimesh.creation.icosphere(3, 0.15)
+    rock.apply_translation((0.4, 0.0, 0.0))
+    rock.export(tmp_path / "rock.obj")
+    given: dict[str, Any] = {
+        "box": {"kind": "box", "size": [0.5, 0.1, 0.3], "rotation": even((0, 0, 0), (400, 200, 0)),
+                "position": even((0, 0, 0), (-1, 1, 0.5))},
+        "ball": {"kind": "sphere", "radius": 0.1, "position": even((-0.5, 0, 0), (6, -2, 0))},
+        "rock": {"kind": "mesh", "file": tmp_path / "rock.obj", "rotation": even((0, 0, 0), (0, 0, 700)),
+                 "position": even((0, 0.1, -0.3), (-1, -3, 0))},
+        "floor": {"kind": "plane", "position": [0, -0.5, 0]},
+        "near": {"kind": "sphere", "radius": 0.1, "position": even((0.74, 0.4, 0.4), (4, 0, 0))},
+    }  # fmt: skip
+    if not turning:
+        given = {name: {**body, "rotation": [0, 0, 0]} for name, body in given.items()}
+        given["rock"]["position"] = [0, 0.1, -0.3]
+    one: TypeAdapter[Any] = TypeAdapter(BodyParams)
+    params = {name: one.validate_python(body) for name, body in given.items()}
+    rng = np.random.default_rng(12)
+    n = 80_000
+    start, aim = rng.uniform(-0.8, 0.8, (n, 3)), rng.integers(len(params) + 1, size=n)
+    way, rides = np.zeros((n, 3)), rng.uniform(size=n) < 0.3
+    for b, body in enumerate(params.values()):
+        alone, of = Bodies({"alone": body}), aim == b
+        alone.move(0.0, STEP)
+        gap, normal, _ = alone.distance(start[of])
+        nearer = gap - THICKNESS - 0.01 * rng.uniform(size=len(gap))
+        start[of] -= np.where(rides[of], nearer, 0.0)[:, None] * normal
+        gap, normal, velocity = alone.distance(start[of])
+        if b == 2:  # far from a mesh its distance is up to 5 % too far
+            normal = start[of] - (0.4, 0.1, -0.3)
+            gap = np.linalg.norm(normal, axis=1)
+            normal /= gap[:, None]
+            gap -= 0.15
+        comes = STEP * (velocity * normal).sum(axis=1)
+        ahead = comes - rng.uniform(0.9, 1.1, len(gap)) * (gap - THICKNESS)
+        way[of] = np.where(rides[of][:, None], STEP * velocity, ahead[:, None] * normal)
+    sides = np.flatnonzero(aim == len(params))
+    c = rng.integers(3, size=len(sides))
+    way[sides, c] = rng.uniform(0.9, 1.1, len(sides)) * (0.9 - THICKNESS - start[sides, c])
+    bodies = Bodies(params)
+    bodies.move(0.0, STEP)
+    bounds = np.array([[-0.9] * 3, [0.9] * 3], np.float32)
+    known, found, looked = (
+        np.zeros((n, KNOWN), np.float32),
+        np.zeros((n, 5), np.float32),
+        np.zeros(n, np.int32),
+    )
+    start, end = start.astype(np.float32), (start + way).astype(np.float32)
+    meetings(n, bodies.table, bodies.samples, bodies.count, bounds, start, end, known, found, looked)
+    assert 0.1 < (looked == 0).mean() < 0.5
+    assert 0.2 < (found[:, 1] < 0.0).mean() < 0.8
+    np.testing.assert_array_equal(found[looked == 0, 1], 0.0)
+    if not turning:  # a wall that turns may be grazed by steps of one length, and not by those of another
+        np.testing.assert_array_equal(found[found[:, 1] < 0.0, 0] < 0.0, True)
+
+
 def shaken(count: int) -> Any:
     """Hair on a head that turns to and fro, as in the scene of that name."""
     turn = {"interpolation": "pchip", "keys": [[0, [0, 0, 0]], [0.3, [0, 70, 0]], [0.8, [0, -70, 0]]]}
@@ -102,6 +171,30 @@ def test_what_wraps_a_head_keeps_its_length_and_its_distance() -> None:
         assert gap.min() > 0.00199
         assert np.abs(system.report.strains(x)[0]).max() < 0.0101
     assert near > 5000
+
+
+def test_a_rope_that_does_not_bend_is_not_stiffened_by_one_that_does() -> None:
+    """Both in one system move as each does alone, though the strands share their rows of equations."""
+
+    def swung(pieces: dict[str, float]) -> dict[str, NDArray[np.float64]]:
+        ropes = {
+            name: {"kind": "rope", "points": [(0, 0, z), (0.6, 0.3, z)], "segments": 24, "bend": bend}
+            for z, (name, bend) in enumerate(pieces.items())
+        }
+        pins = {name: {"piece": name, "points": "first"} for name in pieces}
+        system = built("springs", pieces=ropes, pins=pins, solver="strands", air={"density": 0.0})
+        for step in range(60):
+            system.step(step * STEP, STEP)
+        x = system.read("position")
+        first = system.whole.first
+        return {name: x[first[name] : first[name] + 25] - x[first[name]] for name in pieces}
+
+    for order in (("stiff", "limp"), ("limp", "stiff")):
+        bends = {name: 1e-3 if name == "stiff" else 0.0 for name in order}
+        both = swung(bends)
+        for name in order:
+            np.testing.assert_allclose(both[name], swung({name: bends[name]})[name], rtol=0.0, atol=1e-12)
+        assert np.abs(both["stiff"] - both["limp"]).max() > 0.01
 
 
 PROGRAM = """

@@ -11,7 +11,8 @@ it finds none beyond, SWEEPS times at most; velocities get what places got.
 
 Bending across a tear ends with it (`bends.py`).
 
-Limits: of a sheet, triangles with a torn edge are no longer shown.
+Limits: of a sheet, triangles with a torn edge are no longer shown. What a torn spring bore goes on at once,
+as far as a step is long: by long steps more tears than one row.
 """
 
 from typing import Any

@@ -164,7 +164,11 @@ class Projective(Params):
         description="bdf2 keeps the snap of motion, implicit_euler calms it; left out: bdf2, and "
         "implicit_euler where there is something to touch",
     )
-    iterations: Annotated[int, Field(ge=1, le=200)] = Field(5, description="of the global solve in a step")
+    iterations: Annotated[int, Field(ge=1, le=200)] | None = Field(
+        None,
+        description="of the global solve in a step; left out: 3, and 5 where there is something to touch or "
+        "to tear; three times as many where pieces touch each other",
+    )
 
 
 class StrandsSolver(Params):

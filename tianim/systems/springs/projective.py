@@ -1,10 +1,11 @@
 """Few long steps: projective dynamics, a quasi-Newton method whose matrix is factored once.
 
-    minimise  1/2 (x - y)^T M (x - y) / b^2 + E(x),     x += A^-1 r,   r = M (y - x) / b^2 + f(x)
+    minimise  1/2 (x - y)^T M (x - y) / b^2 + E(x),     z = A^-1 r,   r = M (y - x) / b^2 + f(x)
     A = M / b^2 + sum_s (k_s + c_s / b) G_s^T G_s + Q
 
-A takes every spring as stiff in all directions: above the true Hessian, so that a step never goes too far,
-and the same for x, y and z and for the whole run (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz
+A takes every spring as stiff in all directions: above the true Hessian, so that x + z never goes too far, and
+the same for all axes and for the whole run. How far x goes along z, and on as it went before, `descent.py`
+says (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz
 et al. 2014, doi:10.1145/2601097.2601116). In this form, with the true forces f in r, what it converges to
 does not depend on A, and float32 is enough for the solve.
 
@@ -15,10 +16,10 @@ and v = (x - X) / b. Implicit Euler calms waves that are short for its step; BDF
 steps of one length: after another length, a pin that came or went, or a contact, one is implicit Euler.
 
 **All iterations of a step are one launch**: in each, the workers take pieces of the points for r, then solve
-their branches of the factor (`factor.py`), meeting four times.
+their branches of the factor (`factor.py`), meeting six times.
 
-Limits: springs that are turned far within a step take more than five iterations; ropes of many points, stiff
-and light, are the worst case.
+Limits: springs that are turned far within a step take more iterations; ropes of many points, stiff and light,
+are the worst case.
 """
 
 from collections.abc import Mapping
@@ -28,18 +29,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tianim.lang import f32_1d, f32_2d, f64_1d, f64_2d, i32_1d, i32_2d, ti
-from tianim.spatial.crew import MOST_TURNS, Crew, Pace, first_of, last_of, meet, pieces, take
+from tianim.spatial.crew import MOST_TURNS, PIECE, Crew, Pace, first_of, last_of, meet, pieces, take
 from tianim.systems.springs.assembly import Assembly, implicit_matrix
 from tianim.systems.springs.contact import Walls
 from tianim.systems.springs.contact_forces import WIDTH, forget_planes, lack_at, part, press
+from tianim.systems.springs.descent import PP, PR, SUMS, ZP, ZR, ZZ, curved, lengths
 from tianim.systems.springs.factor import Factor, backward_row, factorise, forward_row
 from tianim.systems.springs.points import Points
 
 # The passes of an iteration.
-RESIDUAL, FORWARD, TOP, BACKWARD, TOUCH, PRESS = 0, 1, 2, 3, 4, 5
+RESIDUAL, FORWARD, TOP, BACKWARD, CURVE, MOVE, TOUCH, PRESS = 0, 1, 2, 3, 4, 5, 6, 7
 # A single step of BDF2, implicit Euler with the factor of 2/3 of its step, leaves 5/9 an iteration where
 # inertia outweighs springs: so many times the iterations leave as little as in other steps.
 SINGLE = 3
+# Iterations of a step, free, and where forces of contact are to settle or springs to tear in their order. Where
+# pieces touch each other, INNER times as many, and contacts push after every INNER.
+FREE, TAXED, INNER = 3, 5, 3
 # Steps are of one length that differ by less than this part of it; the factor is made for one rounded so.
 SAME, DIGITS = 1e-9, 9
 
@@ -117,31 +122,32 @@ def residual_at(
 @ti.kernel
 def relax(
     damped: ti.template(), touching: ti.template(), passes: ti.i32, tasks: ti.i32, stride: ti.i32,
-    first_turn: ti.i32, last_turn: ti.i32, n: ti.i32, b: ti.f64, crew: i32_1d, start: i32_1d,
+    first_turn: ti.i32, last_turn: ti.i32, calm: ti.i32, n: ti.i32, b: ti.f64, crew: i32_1d, start: i32_1d,
     neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d,
     place: i32_1d, point: i32_1d, row_start: i32_1d, column: i32_1d, row_value: f32_1d,
     column_start: i32_1d, below: i32_1d, column_value: f32_1d, inverse: f32_1d,
     bins: ti.i32, range_start: i32_1d, ranges: i32_2d, top_count: ti.i32, tops: i32_1d, z: f32_2d,
     dt: ti.f32, thickness: ti.f32, table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d,
     friction: f32_1d, x_before: f64_2d, force: f32_2d, lack: f32_2d,
-    normal: f32_2d, plane: f64_2d,
+    normal: f32_2d, plane: f64_2d, r: f32_2d, p: f32_2d, hz: f32_2d, hp: f32_2d, sums: f64_2d,
 ):  # fmt: skip
-    """Iterations of x += A^-1 r, turn by turn."""
+    """Iterations of x += a A^-1 r + c p, turn by turn."""
     for block in range(tasks * stride):
         if block % stride == 0:
             task = block // stride
             for turn in range(first_turn, last_turn):
-                work = turn % passes
+                work, farther = turn % passes, passes <= turn and turn < calm
                 if work == RESIDUAL:
-                    piece = take(crew, turn)
+                    piece = take(crew, turn - first_turn)
                     while piece < pieces(n):
                         for i in range(first_of(piece), last_of(piece, n)):
-                            r = residual_at(
+                            own = residual_at(
                                 damped, b, start, neighbour, row, inverse_mass, base, y, x, force, i
                             )
                             k = place[i]
-                            z[k, 0], z[k, 1], z[k, 2] = r[0], r[1], r[2]
-                        piece = take(crew, turn)
+                            for c in ti.static(range(3)):
+                                z[k, c] = r[i, c] = own[c]
+                        piece = take(crew, turn - first_turn)
                 elif work == FORWARD:
                     own = task
                     while own < bins:
@@ -156,9 +162,6 @@ def relax(
                         for k in range(top_count):
                             i = tops[top_count - 1 - k]
                             backward_row(column_start, below, column_value, inverse, z, i)
-                            for c in ti.static(range(3)):
-                                # Not +=, which would be atomic.
-                                x[point[i], c] = x[point[i], c] + z[i, c]
                 elif work == BACKWARD:
                     own = task
                     while own < bins:
@@ -166,12 +169,48 @@ def relax(
                             for back in range(ranges[k, 1] - ranges[k, 0]):
                                 i = ranges[k, 1] - 1 - back
                                 backward_row(column_start, below, column_value, inverse, z, i)
-                                for c in ti.static(range(3)):
-                                    x[point[i], c] = x[point[i], c] + z[i, c]
                         own += tasks
+                elif work == CURVE:
+                    if farther:
+                        piece = take(crew, turn - first_turn)
+                        while piece < pieces(n):
+                            total = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0], ti.f64)
+                            for i in range(first_of(piece), last_of(piece, n)):
+                                own = curved(
+                                    damped, b, start, neighbour, row, inverse_mass, base, x, place, z, i
+                                )
+                                k = place[i]
+                                for c in ti.static(range(3)):
+                                    hz[i, c] = own[c]
+                                    total[ZZ] += z[k, c] * own[c]
+                                    total[ZP] += z[k, c] * hp[i, c]
+                                    total[PP] += p[i, c] * hp[i, c]
+                                    total[ZR] += z[k, c] * r[i, c]
+                                    total[PR] += p[i, c] * r[i, c]
+                            for s in ti.static(range(SUMS)):
+                                sums[s, piece] = total[s]
+                            piece = take(crew, turn - first_turn)
+                elif work == MOVE:
+                    a, c = ti.cast(1.0, ti.f64), ti.cast(0.0, ti.f64)
+                    if farther:
+                        a, c = lengths(n, sums)
+                    piece = take(crew, turn - first_turn)
+                    while piece < pieces(n):
+                        for i in range(first_of(piece), last_of(piece, n)):
+                            k = place[i]
+                            for axis in ti.static(range(3)):
+                                d, hd = ti.cast(z[k, axis], ti.f64), 0.0
+                                if farther:
+                                    d = a * d + c * p[i, axis]
+                                    hd = ti.cast(a * hz[i, axis] + c * hp[i, axis], ti.f32)
+                                # Not +=, which would be atomic.
+                                x[i, axis] = x[i, axis] + d
+                                p[i, axis] = ti.select(farther, ti.cast(d, ti.f32), 0.0)
+                                hp[i, axis] = hd
+                        piece = take(crew, turn - first_turn)
                 else:
                     if ti.static(touching):
-                        piece = take(crew, turn)
+                        piece = take(crew, turn - first_turn)
                         while piece < pieces(n):
                             for i in range(first_of(piece), last_of(piece, n)):
                                 if work == TOUCH:
@@ -186,7 +225,7 @@ def relax(
                                         b, start, neighbour, row, inverse_mass, lack, normal, force,
                                         i,
                                     )  # fmt: skip
-                            piece = take(crew, turn)
+                            piece = take(crew, turn - first_turn)
                 meet(crew, tasks)
 
 
@@ -210,12 +249,14 @@ class ProjectiveSolver:
     longest = float("inf")
 
     def __init__(
-        self, whole: Assembly, points: Points, walls: Walls, scheme: str | None, iterations: int
-    ) -> None:
+        self, whole: Assembly, points: Points, walls: Walls, scheme: str | None, iterations: int | None,
+        tears: bool,
+    ) -> None:  # fmt: skip
+        """What is left out of scheme and iterations is as suits; `tears`: whether springs may."""
         self._walls = walls
         self._whole, self._points = whole, points
         self._two_steps = (scheme or ("implicit_euler" if walls.any else "bdf2")) == "bdf2"
-        self._iterations = iterations
+        self._iterations = iterations or (TAXED if walls.any or tears else FREE)
         self._damped = bool(whole.springs.damping.any())
         room = (points.capacity, 3)
         self._base, self._y, self._x_before, self._v_before = (ti.ndarray(ti.f64, room) for _ in range(4))
@@ -227,8 +268,9 @@ class ProjectiveSolver:
         self._force.fill(0.0)
         self._plane: Any = ti.ndarray(ti.f64, (points.capacity, WIDTH))
         self._lack: Any = ti.ndarray(ti.f32, (points.capacity, 4))
-        self._z: Any = ti.ndarray(ti.f32, room)
-        self._passes = 6 if walls.any else 4
+        self._z, self._r, self._p, self._hz, self._hp = (ti.ndarray(ti.f32, room) for _ in range(5))
+        self._sums: Any = ti.ndarray(ti.f64, (SUMS, max(1, -(-points.count // PIECE))))
+        self._passes = 8 if walls.any else 6
         self._crew, self._pace = Crew(points.count), Pace()
         self._tasks = 1
         self._held = np.zeros(whole.count, np.bool_)
@@ -256,24 +298,26 @@ class ProjectiveSolver:
         if self._walls.any:
             forget_planes(n, self._plane)
         self._tasks = self._pace.begin(self._crew.tasks_for(n))
-        self._crew.begin()
-        turns = self._passes * self._iterations * (SINGLE if single else 1)
-        at_once = self._passes * (MOST_TURNS // self._passes) if self._crew.works else 1
         apart = self.between is not None and self.between.foresee(b, self._y)
-        if apart and self._crew.works:
-            at_once = self._passes
-        for first in range(0, turns, at_once):
-            if first and self._crew.works:
-                self._crew.begin()
-            last = min(first + at_once, turns)
-            self._relax(factor, dt, b, *((0, last - first) if self._crew.works else (first, last)))
-            if apart and self.between is not None and last % self._passes == 0:
+        iterations = self._iterations * (SINGLE if single else 1)
+        for left in reversed(range(iterations if apart else 1)):
+            self._relax_by(INNER if apart else iterations, factor, dt, b, self._walls.any and not left)
+            if apart and self.between is not None:
                 self.between.push_apart()
         self._pace.end()
         finish(n, b, points.inverse_mass, self._base, points.x, points.v)
         if self._walls.any:
             self._part(dt)
         self._last_dt = dt
+
+    def _relax_by(self, iterations: int, factor: Factor, dt: float, b: float, calm: bool) -> None:
+        """So many iterations, the first of which goes z, and where it is to end `calm`, the last."""
+        turns = self._passes * iterations
+        calm_from = turns - self._passes if calm else turns
+        at_once = self._passes * (MOST_TURNS // self._passes) if self._crew.works else 1
+        for first in range(0, turns, at_once):
+            self._crew.begin()
+            self._relax(factor, dt, b, first, min(first + at_once, turns), calm_from)
 
     def _factor_for(self, b: float) -> Factor:
         """The factor for this b: a smaller one than that of a step only slows convergence."""
@@ -290,17 +334,17 @@ class ProjectiveSolver:
             p.inverse_mass, self._x_before, self._force, p.x, p.v, self.touched,
         )  # fmt: skip
 
-    def _relax(self, factor: Factor, dt: float, b: float, first: int, last: int) -> None:
+    def _relax(self, factor: Factor, dt: float, b: float, first: int, last: int, calm: int) -> None:
         p, crew, walls = self._points, self._crew, self._walls
         relax(
             self._damped, walls.any, self._passes, self._tasks, crew.stride, first, last,
-            p.count, b, crew.array, p.start, p.neighbour, p.row, p.inverse_mass,
+            calm, p.count, b, crew.array, p.start, p.neighbour, p.row, p.inverse_mass,
             self._base, self._y, p.x, factor.place, factor.point, factor.row_start, factor.row,
             factor.row_value, factor.column_start, factor.column, factor.column_value, factor.inverse,
             factor.bins, factor.range_start, factor.ranges, factor.top_count, factor.tops, self._z, dt,
             walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
             walls.friction, self._x_before, self._force, self._lack, self._normal,
-            self._plane,
+            self._plane, self._r, self._p, self._hz, self._hp, self._sums,
         )  # fmt: skip
 
     def forget(self) -> None:

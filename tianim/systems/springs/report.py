@@ -1,6 +1,5 @@
 """What is measured of springs, in NumPy and float64: energies, momenta, strains."""
 
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -95,12 +95,12 @@ class SpringSystem:
             LOG.info("%s: solver %s (explicit steps would be %.3g s)", self.name, chosen, step)
         if chosen == "strands":
             return StrandSolver(params, whole, points, walls)
+        tears = any(piece.tear_strain is not None for piece in params.pieces.values())
         if chosen == "xpbd":
-            tears = any(piece.tear_strain is not None for piece in params.pieces.values())
             return XpbdSolver(whole, points, walls, params.xpbd.iterations, tears)
         if chosen == "projective":
             return ProjectiveSolver(
-                whole, points, walls, params.projective.scheme, params.projective.iterations
+                whole, points, walls, params.projective.scheme, params.projective.iterations, tears
             )
         return ExplicitSolver(whole, points, walls, params.explicit.integrator, params.explicit.safety)
 

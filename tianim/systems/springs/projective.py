@@ -42,7 +42,7 @@ RESIDUAL, FORWARD, TOP, BACKWARD, CURVE, MOVE, TOUCH, PRESS = 0, 1, 2, 3, 4, 5, 
 # A single step of BDF2, implicit Euler with the factor of 2/3 of its step, leaves 5/9 an iteration where
 # inertia outweighs springs: so many times the iterations leave as little as in other steps.
 SINGLE = 3
-# Iterations of a step, free, and where forces of contact are to settle or springs to tear in their order. Where
+# Iterations of a step, free, and where contact is to settle or springs are to tear in their order. Where
 # pieces touch each other, INNER times as many, and contacts push after every INNER.
 FREE, TAXED, INNER = 3, 5, 3
 # Steps are of one length that differ by less than this part of it; the factor is made for one rounded so.

@@ -167,7 +167,7 @@ class Projective(Params):
     iterations: Annotated[int, Field(ge=1, le=200)] | None = Field(
         None,
         description="of the global solve in a step; left out: 3, and 5 where there is something to touch or "
-        "to tear; three times as many where pieces touch each other",
+        "to tear; three times as many where pieces touch each other in many places",
     )
 
 

@@ -89,8 +89,8 @@ class SelfContact(KeptApart):
         self._room_before, self._b = 0, 1.0
         self.forget()
 
-    def foresee(self, b: float, y: Any) -> bool:
-        """Contacts between pairs that will be near, as far as the solver's first guess says; if any."""
+    def foresee(self, b: float, y: Any) -> int:
+        """Contacts between pairs that will be near, as far as the solver's first guess says; how many."""
         points = self._points
         self._y, self._foreseen = y, True
         self._note_near()
@@ -103,7 +103,7 @@ class SelfContact(KeptApart):
             apply(self._contacts, self._corner, self._number, points.inverse_mass, y)
             self.push_apart()
         self._b = b
-        return self._contacts > 0
+        return self._contacts
 
     def push_apart(self) -> None:
         """What an iteration of the solver brought together is pushed apart, and is to stay so."""

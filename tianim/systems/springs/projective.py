@@ -43,9 +43,9 @@ RESIDUAL, FORWARD, TOP, BACKWARD, CURVE, MOVE, TOUCH, PRESS = 0, 1, 2, 3, 4, 5, 
 # inertia outweighs springs: so many times the iterations leave as little as in other steps.
 SINGLE = 3
 # Iterations of a step, free, and where contact is to settle or springs are to tear in their order. Where
-# pieces touch each other, contacts push after each; or, where there is more than one for DENSE points, after
-# INNER that begin anew: what is wrung tight strains half as much so.
-FREE, TAXED, INNER, DENSE = 3, 5, 3, 4
+# pieces touch each other, contacts push after each, or, where there are more than DENSE a point, after INNER:
+# what is wrung tight strains half as much so, and what lies in folds is not driven apart.
+FREE, TAXED, INNER, DENSE = 3, 5, 3, 0.25
 # Steps are of one length that differ by less than this part of it; the factor is made for one rounded so.
 SAME, DIGITS = 1e-9, 9
 
@@ -301,29 +301,27 @@ class ProjectiveSolver:
         self._tasks = self._pace.begin(self._crew.tasks_for(n))
         contacts = 0 if self.between is None else self.between.foresee(b, self._y)
         iterations = self._iterations * (SINGLE if single else 1)
-        calm = iterations - 1 if self._walls.any or contacts else iterations
-        for k in range(iterations if contacts else 0):
-            if DENSE * contacts > n:
-                self._relax_by(0, INNER, INNER - 1 if k == calm else INNER, factor, dt, b)
-            else:
-                self._relax_by(k, k + 1, calm, factor, dt, b)
-            if self.between is not None:
+        calm = iterations - 1 if self._walls.any else iterations
+        if contacts and self.between is not None:
+            inner = INNER if contacts > DENSE * n else 1
+            for _ in range(iterations):
+                self._relax_by(inner, inner, factor, dt, b)
                 self.between.push_apart()
-        if not contacts:
-            self._relax_by(0, iterations, calm, factor, dt, b)
+        else:
+            self._relax_by(iterations, calm, factor, dt, b)
         self._pace.end()
         finish(n, b, points.inverse_mass, self._base, points.x, points.v)
         if self._walls.any:
             self._part(dt)
         self._last_dt = dt
 
-    def _relax_by(self, begin: int, end: int, calm: int, factor: Factor, dt: float, b: float) -> None:
-        """The iterations from `begin` on, before `end`. The very first, and those from `calm` on, go z."""
-        first, last = begin * self._passes, end * self._passes
+    def _relax_by(self, iterations: int, calm: int, factor: Factor, dt: float, b: float) -> None:
+        """So many iterations. The first, and those from `calm` on, go z."""
+        turns = self._passes * iterations
         at_once = self._passes * (MOST_TURNS // self._passes) if self._crew.works else 1
-        for turn in range(first, last, at_once):
+        for first in range(0, turns, at_once):
             self._crew.begin()
-            self._relax(factor, dt, b, turn, min(turn + at_once, last), calm * self._passes)
+            self._relax(factor, dt, b, first, min(first + at_once, turns), calm * self._passes)
 
     def _factor_for(self, b: float) -> Factor:
         """The factor for this b: a smaller one than that of a step only slows convergence."""

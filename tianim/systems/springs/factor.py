@@ -72,7 +72,6 @@ class Factor:
     """L and D of A, and who does what.
 
     place      (n,) where point i stands in the order of elimination
-    point      (n,) which point stands there
     row_start, row, row_value           L by rows, without its diagonal
     column_start, column, column_value  L by columns
     inverse    (n,) 1 / D
@@ -81,7 +80,6 @@ class Factor:
     """
 
     place: Any
-    point: Any
     row_start: Any
     row: Any
     row_value: Any
@@ -130,7 +128,7 @@ def factorise(matrix: Any, position: Floats) -> Factor:
     bins = workers()[0]
     ranges, starts, tops = _shares(columns, bins)
     return Factor(
-        constant(place), constant(point), constant(rows.indptr), constant(rows.indices), constant(rows.data),
+        constant(place), constant(rows.indptr), constant(rows.indices), constant(rows.data),
         constant(columns.indptr), constant(columns.indices), constant(columns.data), constant(1.0 / D),
         constant(starts), constant(ranges), constant(tops), bins, len(tops), columns.nnz,
     )  # fmt: skip

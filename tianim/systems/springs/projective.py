@@ -5,9 +5,9 @@
 
 A takes every spring as stiff in all directions: above the true Hessian, so that x + z never goes too far, and
 the same for all axes and for the whole run. How far x goes along z, and on as it went before, `descent.py`
-says (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz
-et al. 2014, doi:10.1145/2601097.2601116). In this form, with the true forces f in r, what it converges to
-does not depend on A, and float32 is enough for the solve.
+says (Liu et al. 2013, doi:10.1145/2508363.2508406; Bouaziz et al. 2014, doi:10.1145/2601097.2601116). In
+this form, with the true forces f in r, what it converges to does not depend on A, and float32 is enough for
+the solve.
 
     implicit Euler   y = x_n + h v_n + h^2 g,                                          b = h
     BDF2             y = X + b V + b^2 g,  X = (4 x_n - x_n-1) / 3, V likewise of v,   b = 2 h / 3
@@ -125,7 +125,7 @@ def relax(
     damped: ti.template(), touching: ti.template(), passes: ti.i32, tasks: ti.i32, stride: ti.i32,
     first_turn: ti.i32, last_turn: ti.i32, calm: ti.i32, n: ti.i32, b: ti.f64, crew: i32_1d, start: i32_1d,
     neighbour: i32_1d, row: f32_2d, inverse_mass: f64_1d, base: f64_2d, y: f64_2d, x: f64_2d,
-    place: i32_1d, point: i32_1d, row_start: i32_1d, column: i32_1d, row_value: f32_1d,
+    place: i32_1d, row_start: i32_1d, column: i32_1d, row_value: f32_1d,
     column_start: i32_1d, below: i32_1d, column_value: f32_1d, inverse: f32_1d,
     bins: ti.i32, range_start: i32_1d, ranges: i32_2d, top_count: ti.i32, tops: i32_1d, z: f32_2d,
     dt: ti.f32, thickness: ti.f32, table: f32_2d, samples: f32_1d, count: ti.i32, bounds: f32_2d,
@@ -343,7 +343,7 @@ class ProjectiveSolver:
         relax(
             self._damped, walls.any, self._passes, self._tasks, crew.stride, first, last,
             calm, p.count, b, crew.array, p.start, p.neighbour, p.row, p.inverse_mass,
-            self._base, self._y, p.x, factor.place, factor.point, factor.row_start, factor.row,
+            self._base, self._y, p.x, factor.place, factor.row_start, factor.row,
             factor.row_value, factor.column_start, factor.column, factor.column_value, factor.inverse,
             factor.bins, factor.range_start, factor.ranges, factor.top_count, factor.tops, self._z, dt,
             walls.thickness, walls.bodies.table, walls.bodies.samples, walls.count, walls.bounds,
